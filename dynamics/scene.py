@@ -1,0 +1,226 @@
+"""The scene file: what is flown, and which effects that calls for.
+
+The model below is the one source of every scene parameter, its unit, range and default. Defaults are correct physics;
+choices that only serve to reproduce published runs are marked "published".
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from dynamics.materials import MATERIALS, Material
+from optics.files import InputError, Strict, read_model
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+Angle = Annotated[float, Field(ge=0, lt=360)]
+
+
+class Sector(Strict):
+    """A sector of the sail, from its starting polar angle to the start of the next one.
+
+    The optical response is either a pressure table of `design`, or constant `reflectance` and `absorptance`. `g` is the
+    body-frame direction across the ridges (for a film it only labels the axes).
+    """
+
+    from_deg: Angle
+    material: str | Material
+    design: str | None = None
+    reflectance: Fraction | None = None
+    g: Pair = [1.0, 0.0]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Sector:
+        if isinstance(self.material, str) and self.material not in MATERIALS:
+            raise ValueError(f"material = '{self.material}': must be one of {', '.join(MATERIALS)}, or given in full")
+        if (self.design is None) == (self.reflectance is None):
+            raise ValueError("give either design (a pressure table) or reflectance (constant), not both")
+        if not math.isclose(math.hypot(*self.g), 1.0, rel_tol=1e-9):
+            raise ValueError(f"g = {self.g}: must be a unit vector")
+        return self
+
+    @property
+    def properties(self) -> Material:
+        """The sector's material."""
+        return MATERIALS[self.material] if isinstance(self.material, str) else self.material
+
+
+class Sail(Strict):
+    """A round flat sail of the given radius, meshed with `rings` rings; node rings start at polar angle `rotation_deg`."""
+
+    outline: Literal["round"] = "round"
+    profile: Literal["flat"] = "flat"
+    radius_m: Positive
+    rings: Annotated[int, Field(ge=1, le=1000)]
+    rotation_deg: float = 0.0
+    sectors: Annotated[list[Sector], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _ascending(self) -> Sail:
+        starts = [sector.from_deg for sector in self.sectors]
+        if any(b <= a for a, b in zip(starts, starts[1:], strict=False)):
+            raise ValueError(f"sectors: from_deg must ascend, not {starts}")
+        return self
+
+    @property
+    def designs(self) -> list[str]:
+        """Names of the designs whose pressure tables the sail needs, in order of first use."""
+        return list(dict.fromkeys(s.design for s in self.sectors if s.design))
+
+
+class Beam(Strict):
+    """Gaussian beam along +z, I = I₀ exp(−2ρ²/w²); ramp: off for `delay_s`, rises for `rise_s`, on for `on_s`, falls alike."""
+
+    intensity_W_m2: NonNegative
+    radius_m: Positive
+    delay_s: NonNegative = 0.0
+    rise_s: NonNegative = 1e-6
+    on_s: Positive = 1e9
+
+
+class Release(Strict):
+    """State at t = 0: tilt about the origin (spin axis included), then shift; spin in turns per second, signed."""
+
+    offset_m: Pair = [0.0, 0.0]
+    pitch_deg: Annotated[float, Field(gt=-90, lt=90)] = 0.0
+    roll_deg: Annotated[float, Field(gt=-90, lt=90)] = 0.0
+    spin_Hz: float = 0.0
+
+
+class Rigid(Strict):
+    """Rigid flight: duration, tolerance (relative and absolute, in normalised units) and rows of output a second.
+
+    beam_distance: 'lateral' distance from the axis; 'published' adds the axial coordinate of the point in the body.
+    """
+
+    duration_s: Positive = 1.0
+    tolerance: Annotated[float, Field(gt=0, le=1e-2)] = 1e-9
+    output_Hz: Positive = 2000.0
+    beam_distance: Literal["lateral", "published"] = "lateral"
+
+
+class Flight(Strict):
+    """Flexible flight. Time starts at −spin_up; light and release are at t = 0.
+
+    time_step_s: null for 0.8 of the stability bound of the mesh. optics_every, heat_every: steps between updates of the
+    optical coefficients and of the temperatures. spin_up_s: null for the reference value |f|/(1801.8 max(|f|/100 Hz, 10)).
+    Published: rk4 with thermal_rate 2/3, stiffness 'lattice' with rim_factor 2, conductance 'first_triangle',
+    expansion_1_K 2.33e-6 for every material, stefan_boltzmann 5.67e-8, spin_up_gain 1.001486.
+    """
+
+    duration_s: Positive = 0.1
+    integrator: Literal["semi_implicit_euler", "verlet", "rk4"] = "verlet"
+    time_step_s: Positive | None = None
+    optics_every: Annotated[int, Field(ge=1, le=10000)] = 4
+    heat_every: Annotated[int, Field(ge=1, le=10000)] = 4
+    stiffness: Literal["van_gelder", "lattice"] = "van_gelder"
+    rim_factor: Positive = 1.0
+    conductance: Literal["cotangent", "area", "first_triangle"] = "cotangent"
+    expansion_1_K: float | None = None
+    thermal_rate: Positive = 1.0
+    stefan_boltzmann: Positive = 5.670374419e-8
+    start_temperature_K: Positive = 300.0
+    background_temperature_K: NonNegative = 0.0
+    spin_up_s: Positive | None = None
+    spin_up_gain: Positive = 1.0
+    fly_away_m: Positive = 1.25
+    series_every: Annotated[int, Field(ge=1)] = 8
+    snapshot_every_s: Positive = 1e-3
+    checkpoint_every_s: Positive = 60.0
+
+
+EFFECTS = (
+    "light", "spin_up", "absorption", "emission", "conduction", "expansion", "tensile_failure", "thermal_failure",
+)
+
+
+class Effects(Strict):
+    """Overrides of the derived plan: true, false, or null to let the scene decide."""
+
+    light: bool | None = None
+    spin_up: bool | None = None
+    absorption: bool | None = None
+    emission: bool | None = None
+    conduction: bool | None = None
+    expansion: bool | None = None
+    tensile_failure: bool | None = None
+    thermal_failure: bool | None = None
+
+
+class Scene(Strict):
+    """Everything about one run.
+
+    incidence: 'sail_frame' sees the light in each element's own frame; 'yaw_blind' (published) uses the lab-frame pitch
+    and roll whatever the yaw. lookup: 'smooth' or 'nearest' (published) entry of the table. absorptance: of the
+    'material' or of the 'table'. outside_table: 'stop' the run or 'clamp' (published) to the edge and count.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+    description: str
+    sail: Sail
+    beam: Beam
+    release: Release = Release()
+    incidence: Literal["sail_frame", "yaw_blind"] = "sail_frame"
+    lookup: Literal["smooth", "nearest"] = "smooth"
+    absorptance: Literal["material", "table"] = "material"
+    outside_table: Literal["stop", "clamp"] = "stop"
+    rigid: Rigid = Rigid()
+    flight: Flight = Flight()
+    effects: Effects = Effects()
+
+
+class Effect(Strict):
+    """One line of the plan: is the effect computed, and why."""
+
+    on: bool
+    reason: str
+
+
+def read_scene(path: str | Path) -> Scene:
+    """The scene in a YAML file; InputError names the file, the field and what is allowed."""
+    scene = read_model(path, Scene)
+    if scene.name != Path(path).stem:
+        raise InputError(f"{path}: name = '{scene.name}': must be the file's own name, '{Path(path).stem}'")
+    return scene
+
+
+def _derived(scene: Scene) -> dict[str, Effect]:
+    materials = [sector.properties for sector in scene.sail.sectors]
+    lit = scene.beam.intensity_W_m2 > 0
+    heated = lit and (scene.absorptance == "table" or any(m.absorptance > 0 for m in materials))
+    emits = any(m.emissivity_front + m.emissivity_back > 0 for m in materials)
+    spins = scene.release.spin_Hz != 0
+    conducts = any(m.conductivity_W_mK > 0 for m in materials)
+    expansion = scene.flight.expansion_1_K
+    expands = expansion != 0 if expansion is not None else any(m.expansion_1_K != 0 for m in materials)
+    return {
+        "light": Effect(on=lit, reason=f"intensity {scene.beam.intensity_W_m2:g} W/m²"),
+        "spin_up": Effect(on=spins, reason=f"spin {scene.release.spin_Hz:g} Hz"),
+        "absorption": Effect(on=heated, reason="light and an absorbing material" if heated else "nothing absorbs light"),
+        "emission": Effect(on=emits, reason="emissivity above zero" if emits else "emissivity zero everywhere"),
+        "conduction": Effect(on=conducts, reason="conductivity above zero" if conducts else "no conductivity"),
+        "expansion": Effect(on=expands, reason="expansion coefficient given" if expands else "expansion zero"),
+        "tensile_failure": Effect(on=True, reason="every material has a strength"),
+        "thermal_failure": Effect(on=True, reason="every material has a failure temperature"),
+    }
+
+
+def plan(scene: Scene) -> dict[str, Effect]:
+    """Which effects the flexible flight computes, each with its reason; `effects:` in the scene overrides."""
+    result = _derived(scene)
+    for name in EFFECTS:
+        override = getattr(scene.effects, name)
+        if override is not None:
+            result[name] = Effect(on=override, reason=f"effects.{name} in the scene")
+    needs_heat = ("conduction", "expansion", "thermal_failure")
+    if not (result["absorption"].on or result["emission"].on):
+        for name in needs_heat:
+            if getattr(scene.effects, name) is None:
+                result[name] = Effect(on=False, reason="no heat comes or goes: the temperature stays uniform")
+    return result

@@ -1,0 +1,1 @@
+"""Optics: from the unit cell of a sail's surface to an angle-resolved pressure table. Knows nothing of sails."""

@@ -1,0 +1,160 @@
+"""Files at the edge: strict YAML in, atomic files out, one-line errors, progress. Used by every stage."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import json
+import os
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from tqdm import tqdm
+
+
+class InputError(ValueError):
+    """Something the user gave is wrong. The message is one line: what was given, what is allowed, what to do."""
+
+
+class Strict(BaseModel):
+    """Base of all configuration: no unknown keys, no silent conversion, no NaN, immutable."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_unknown_keys(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            for key in data:
+                if key not in cls.model_fields:
+                    near = difflib.get_close_matches(str(key), cls.model_fields, n=1)
+                    hint = f"; did you mean '{near[0]}'?" if near else ""
+                    raise ValueError(f"unknown key '{key}'{hint} (allowed: {', '.join(cls.model_fields)})")
+        return data
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML 1.2 numbers (1e9 is a number) and no duplicate keys."""
+
+
+def _mapping(loader: _Loader, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+    keys = [loader.construct_object(key, deep=True) for key, _ in node.value]  # type: ignore[no-untyped-call]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", node.start_mark)
+    return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
+
+
+_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?(\d[\d_]*\.?[\d_]*|\.\d[\d_]*)[eE][-+]?\d+$"),
+    list("-+0123456789."),
+)
+
+
+def load_yaml(path: str | Path) -> Any:
+    """Content of a YAML file; InputError names the file and the line when it can't be read."""
+    try:
+        with open(path, encoding="utf-8") as stream:
+            return yaml.load(stream, Loader=_Loader)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error})") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"{path}, line {mark.line + 1}" if mark else str(path)
+        raise InputError(f"{where}: not valid YAML: {getattr(error, 'problem', None) or error}") from None
+
+
+def validate(data: Any, model: type[Model], source: str | Path) -> Model:
+    """`data` as a `model`; InputError names `source`, the field, the value given and what is allowed."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(f"{source}: {_describe(first)}") from None
+
+
+def _describe(error: Any) -> str:
+    """One line for the first pydantic error: 'sail.rings = -3: must be greater than 0'."""
+    field = ".".join(str(part) for part in error["loc"])
+    given = error["input"]
+    text = error["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
+    text = " ".join(text.split())
+    if error["type"] == "missing":
+        return f"{field}: missing; it must be given"
+    scalar = isinstance(given, str | int | float | bool) or given is None
+    value = f" = {json.dumps(given)}" if scalar and field else ""
+    return f"{field}{value}: {text}" if field else text
+
+
+def read_model(path: str | Path, model: type[Model]) -> Model:
+    """The YAML file at `path`, validated as `model`."""
+    data = load_yaml(path)
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: must be a mapping of keys to values, not {type(data).__name__}")
+    return validate(data, model, path)
+
+
+@contextlib.contextmanager
+def atomic(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary name beside `path`; on success it is renamed to `path`, on failure it is removed."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o644)
+        with open(temporary, "rb") as stream:
+            os.fsync(stream.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_json(path: str | Path, data: Any) -> None:
+    """`data` as readable JSON, atomically. NaN is refused."""
+    text = json.dumps(data, indent=1, allow_nan=False)
+    with atomic(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def progress(items: Iterable[Any], what: str, total: int | None = None, unit: str = "it") -> Any:
+    """`tqdm` over `items`: a bar with the time to go on a terminal, one line a minute in a log."""
+    terminal = sys.stderr.isatty()
+    return tqdm(items, desc=what, total=total, unit=unit, mininterval=0.2 if terminal else 60, ascii=not terminal)
+
+
+def run_stage(main: Callable[[], None]) -> None:
+    """Run a stage's `main`; an InputError becomes one line on standard error and exit code 2."""
+    try:
+        main()
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+class Stopwatch:
+    """Wall seconds since it was made."""
+
+    def __init__(self) -> None:
+        self._start = time.perf_counter()
+
+    @property
+    def seconds(self) -> float:
+        """Elapsed wall time in seconds."""
+        return time.perf_counter() - self._start
