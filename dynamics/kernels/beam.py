@@ -1,0 +1,29 @@
+"""Intensity of the beam for compiled kernels; `dynamics.beam` is the layer above."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+
+
+@numba.njit(cache=True, inline="always")
+def intensity(x: float, y: float, I0: float, w: float) -> float:
+    """Intensity I₀ exp(−2(x² + y²)/w²) in W/m² of a Gaussian beam along z at (x, y) in m; w is its 1/e² radius in m.
+
+    Fundamental Gaussian beam without divergence (Saleh & Teich, Fundamentals of Photonics, §3.1).
+    """
+    return I0 * math.exp(-2.0 * (x * x + y * y) / (w * w))
+
+
+@numba.njit(cache=True)
+def ramp(t: float, delay: float, rise: float, on: float) -> float:
+    """Share of the full intensity at time t in s: dark until `delay`, raised cosine over `rise`, 1 for `on`, same fall."""
+    s = t - delay
+    if s <= 0.0 or s >= on + 2.0 * rise:
+        return 0.0
+    if s < rise:
+        return 0.5 * (1.0 - math.cos(math.pi * s / rise))
+    if s <= rise + on:
+        return 1.0
+    return 0.5 * (1.0 + math.cos(math.pi * (s - rise - on) / rise))
