@@ -18,7 +18,7 @@ def intensity(x: float, y: float, I0: float, w: float) -> float:
 
 @numba.njit(cache=True)
 def ramp(t: float, delay: float, rise: float, on: float) -> float:
-    """Share of the full intensity at time t in s: dark until `delay`, raised cosine over `rise`, 1 for `on`, same fall."""
+    """Share of the full intensity at time t in s: dark until `delay`, raised-cosine rise, 1 for `on`, equal fall."""
     s = t - delay
     if s <= 0.0 or s >= on + 2.0 * rise:
         return 0.0
