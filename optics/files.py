@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import importlib.metadata
 import json
 import os
 import re
@@ -131,6 +132,11 @@ def write_json(path: str | Path, data: Any) -> None:
     text = json.dumps(data, indent=1, allow_nan=False)
     with atomic(path) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def versions(*packages: str) -> dict[str, str]:
+    """Versions of Beamrider and of the named packages, for the record in an output file."""
+    return {name: importlib.metadata.version(name) for name in ("beamrider", *packages)}
 
 
 def progress(items: Iterable[Any], what: str, total: int | None = None, unit: str = "it") -> Any:

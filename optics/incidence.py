@@ -21,21 +21,28 @@ AXES = {"g": 0, "r": 1}
 
 
 def normal_cosine(u: Floats | float, v: Floats | float) -> Floats:
-    """w = √(1 − u² − v²) of directions inside the unit circle, in a form that is accurate at glancing light."""
+    """W = √(1 − u² − v²) of directions inside the unit circle, in a form that is accurate at glancing light."""
     s = np.hypot(u, v)
     return np.sqrt((1.0 - s) * (1.0 + s))
 
 
-def electric_vector(u: float, v: float, axis: str) -> Floats:
-    """Unit electric vector (3,) in (g, r, n): the nominal axis 'g' or 'r' projected perpendicular to k.
+def wave_vector(u: Floats | float, v: Floats | float, index: float = 1.0) -> Floats:
+    """k/k₀ (..., 3) in (g, r, n) of the light, in front of the cell (refractive index `index`)."""
+    s = np.hypot(u, v)
+    w = np.sqrt((index - s) * (index + s))
+    return np.stack(np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float), w), axis=-1)
+
+
+def electric_vector(u: Floats | float, v: Floats | float, axis: str, index: float = 1.0) -> Floats:
+    """Unit electric vector (..., 3) in (g, r, n): the nominal axis 'g' or 'r' projected perpendicular to k.
 
     The polarisation is fixed to the sail; given as a vector there is no s/p basis to be undefined at u = v = 0.
     """
-    k = np.array([u, v, float(normal_cosine(u, v))])
+    k = wave_vector(u, v, index) / index
     e = np.zeros(3)
     e[AXES[axis]] = 1.0
-    e = e - k * k[AXES[axis]]
-    return np.asarray(e / np.linalg.norm(e))
+    projected = e - k * k[..., AXES[axis], None]
+    return np.asarray(projected / np.linalg.norm(projected, axis=-1, keepdims=True))
 
 
 def order_cosines(

@@ -225,7 +225,7 @@ class PressureTable:
 
     @cached_property
     def _full(self) -> tuple[Floats, Floats]:
-        """v (n_v) over both signs, or [0, 1] for a film, and values (4, n_u, n_v) of q and absorptance."""
+        """V (n_v) over both signs, or [0, 1] for a film, and values (4, n_u, n_v) of q and absorptance."""
         values = np.concatenate([self.q_nodes, self.absorptance_nodes[None]])
         if self.axisymmetric:
             return np.array([0.0, 1.0]), np.repeat(values, 2, axis=2)
@@ -271,7 +271,7 @@ class PressureTable:
         return f"u {self.u[0]:.6g} … {self.u[-1]:.6g}, v {v[0]:.6g} … {v[-1]:.6g}"
 
     def q(self, u: Any, v: Any) -> Floats:
-        """q (..., 3) at direction cosines u, v (broadcast)."""
+        """Q (..., 3) at direction cosines u, v (broadcast)."""
         out, shape = self._look_up(u, v)
         return out[:, :3].reshape(*shape, 3)
 

@@ -1,0 +1,104 @@
+"""Which directions to solve, how to interpolate between them, and how large the interpolation error is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BarycentricInterpolator, CubicHermiteSpline, CubicSpline
+
+from optics.files import InputError
+from optics.table import slope_matrix
+
+Floats = NDArray[np.float64]
+Response = Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Nodes (n,) chosen by `refine`, and the interpolation error (n,) found beside each of them."""
+
+    nodes: Floats
+    error: Floats
+
+
+def refine(response: Response, start: Floats, tolerance: float, smallest: float, most: int = 600) -> Refined:
+    """Halve intervals until the table's own interpolation is good to `tolerance` at their midpoints.
+
+    `response` maps points (n,) to values (n, k). Intervals are left alone once narrower than `smallest` (at a kink no
+    spacing is fine enough) or when `most` nodes are reached; the error that remains there is reported, not hidden.
+    """
+    nodes = np.unique(start)
+    values = response(nodes)
+    while True:
+        middle = (nodes[1:] + nodes[:-1]) / 2
+        exact = response(middle)
+        guess = CubicHermiteSpline(nodes, values, slope_matrix(nodes) @ values)(middle)
+        error = np.abs(guess - exact).max(axis=1)
+        split = (error > tolerance) & (np.diff(nodes) > smallest)
+        if not split.any() or nodes.size + split.sum() > most:
+            beside = np.maximum(np.append(error, 0.0), np.insert(error, 0, 0.0))
+            return Refined(nodes, beside)
+        at = np.flatnonzero(split) + 1
+        values = np.insert(values, at, exact[split], axis=0)
+        nodes = np.insert(nodes, at, middle[split])
+
+
+def spread(u_max: float, spacing: float, kinks: Sequence[float] = ()) -> Floats:
+    """Even nodes over [−u_max, u_max] at most `spacing` apart, with the `kinks` among them."""
+    n = int(np.ceil(2 * u_max / spacing))
+    even = np.linspace(-u_max, u_max, n + 1)
+    near = [x for x in even if all(abs(x - k) > spacing / 4 for k in kinks) or abs(x) == u_max]
+    return np.unique([*near, *kinks])
+
+
+def chebyshev(low: float, high: float, count: int) -> Floats:
+    """`count` Chebyshev-Lobatto points, ends included, ascending."""
+    if count == 1:
+        return np.array([low])
+    x = -np.cos(np.pi * np.arange(count) / (count - 1))
+    return low + (high - low) * (x + 1) / 2
+
+
+def even_nodes(v_max: float, count: int) -> Floats:
+    """Nodes in v ≥ 0 for a response even in v: Chebyshev-Lobatto in v², v = 0 among them."""
+    return np.sqrt(np.maximum(chebyshev(0.0, v_max**2, count), 0.0))
+
+
+def fill(u_nodes: Floats, v_nodes: Floats, values: Floats, u: Floats, v: Floats) -> Floats:
+    """Values (n_u, n_v, k) at u × v from values at u_nodes × v_nodes of a response that is even in v.
+
+    A cubic spline in u (the resonances are in u) and the polynomial in v² through all v_nodes.
+    """
+    along = CubicSpline(u_nodes, values, axis=0)(u)
+    if v_nodes.size == 1:
+        return np.repeat(along, np.size(v), axis=1)
+    polynomial = BarycentricInterpolator(v_nodes**2, np.swapaxes(along, 0, 1), axis=0, rng=0)
+    return np.swapaxes(polynomial(np.asarray(v) ** 2), 0, 1)
+
+
+def choose_nodes(
+    u: Floats, v: Floats, values: Floats, tolerance: float, most_u: int = 81, most_v: int = 8
+) -> tuple[Floats, Floats]:
+    """Fewest tensor nodes from which `fill` reproduces a known response to `tolerance`.
+
+    `values` (n_u, n_v, k) is the known response (of the modal solver) on a fine grid u × v, v ≥ 0 with v[0] = 0. Nodes in
+    u are added where the error is largest; nodes in v² are Chebyshev points. Each axis gets half of the tolerance.
+    """
+    for count in range(2, most_v + 1):
+        v_nodes = even_nodes(float(v[-1]), count)
+        at_nodes = CubicSpline(v, values, axis=1)(v_nodes)
+        if np.abs(fill(u, v_nodes, at_nodes, u, v) - values).max() <= tolerance / 2:
+            break
+    else:
+        raise InputError(f"tolerance = {tolerance:g}: more than {most_v} nodes in v would be needed; allow more")
+    chosen = [0, u.size // 4, u.size // 2, 3 * u.size // 4, u.size - 1]
+    while len(chosen) <= most_u:
+        error = np.abs(CubicSpline(u[chosen], values[chosen], axis=0)(u) - values).max(axis=(1, 2))
+        worst = int(error.argmax())
+        if error[worst] <= tolerance / 2:
+            return u[chosen], v_nodes
+        chosen = sorted([*chosen, worst])
+    raise InputError(f"tolerance = {tolerance:g}: more than {most_u} nodes in u would be needed; allow more")
