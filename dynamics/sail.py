@@ -1,0 +1,210 @@
+"""The flat sail as sectors: areas, mass, inertia, quadrature points, frames, and the optical response of each sector.
+
+Body frame: the sail lies in z = 0, its normal n = +z points downstream. A sector has g (across the ridges) and
+r = n × g (along them), so that g × r = n:
+
+          y
+          │  r = −x ← sector g = +y          seen against +z
+          │
+    ──────┼────── x   sector g = +x, r = +y
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics import scene as scenes
+from optics.files import InputError
+from optics.table import PressureTable
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SectorShape:
+    """One sector: polar angles `start` < `stop` in rad, radius in m, areal mass in kg/m², g and r (2,) in body x, y.
+
+    `design` names a pressure table; without one the sector reflects and absorbs the constant fractions given.
+    """
+
+    start: float
+    stop: float
+    radius: float
+    areal_mass: float
+    g: Floats
+    design: str | None
+    reflectance: float
+    absorptance: float
+
+    @property
+    def r(self) -> Floats:
+        """Direction along the ridges, n × g, in body x, y."""
+        return np.array([-self.g[1], self.g[0]])
+
+    @property
+    def area(self) -> float:
+        """Area in m²."""
+        return 0.5 * self.radius**2 * (self.stop - self.start)
+
+    @property
+    def first_moment(self) -> Floats:
+        """(∫X dA, ∫Y dA) in m³."""
+        a, b = self.start, self.stop
+        return self.radius**3 / 3.0 * np.array([np.sin(b) - np.sin(a), np.cos(a) - np.cos(b)])
+
+    @property
+    def second_moment(self) -> Floats:
+        """[[∫X² dA, ∫XY dA], [∫XY dA, ∫Y² dA]] in m⁴."""
+        a, b = self.start, self.stop
+        span, double = b - a, 0.5 * (np.sin(2 * b) - np.sin(2 * a))
+        mixed = np.sin(b) ** 2 - np.sin(a) ** 2
+        return self.radius**4 / 8.0 * np.array([[span + double, mixed], [mixed, span - double]])
+
+    def quadrature(self, n_radial: int, n_angular: int) -> tuple[Floats, Floats]:
+        """Gauss–Legendre points (n, 2) in m and weights (n,) in m² over the sector, n = n_radial · n_angular.
+
+        The rule is the product of two one-dimensional ones (Abramowitz & Stegun, §25.4.29) in radius and polar angle.
+        """
+        x, wx = np.polynomial.legendre.leggauss(n_radial)
+        y, wy = np.polynomial.legendre.leggauss(n_angular)
+        rho = 0.5 * self.radius * (x + 1.0)
+        angle = self.start + 0.5 * (self.stop - self.start) * (y + 1.0)
+        points = np.stack([np.outer(rho, np.cos(angle)), np.outer(rho, np.sin(angle))], axis=-1).reshape(-1, 2)
+        weights = 0.25 * self.radius * (self.stop - self.start) * np.outer(rho * wx, wy)
+        return points, weights.ravel()
+
+
+@dataclass(frozen=True)
+class SailShape:
+    """A flat round sail made of sectors. Moments follow from each sector's areal mass by closed formulas."""
+
+    radius: float
+    sectors: tuple[SectorShape, ...]
+
+    @property
+    def diameter(self) -> float:
+        """Diameter in m."""
+        return 2.0 * self.radius
+
+    @property
+    def mass(self) -> float:
+        """Mass in kg."""
+        return float(sum(s.areal_mass * s.area for s in self.sectors))
+
+    @property
+    def centre(self) -> Floats:
+        """Centre of mass (2,) in m from the middle of the disc."""
+        return np.asarray(sum(s.areal_mass * s.first_moment for s in self.sectors) / self.mass)
+
+    @property
+    def inertia(self) -> Floats:
+        """Inertia tensor (3, 3) about the centre of mass in kg m². A thin lamina: I_zz = I_xx + I_yy.
+
+        Goldstein, Classical Mechanics, §5.3; moved to the centre of mass by the parallel axis theorem.
+        """
+        moment = sum(s.areal_mass * s.second_moment for s in self.sectors)
+        moment = moment - self.mass * np.outer(self.centre, self.centre)
+        tensor = np.zeros((3, 3))
+        tensor[:2, :2] = np.trace(moment) * np.eye(2) - moment
+        tensor[2, 2] = np.trace(moment)
+        return tensor
+
+    def quadrature(self, beam_radius: float, refine: int = 1) -> tuple[Floats, Floats]:
+        """Points (n_s, n, 2) in m from the centre of mass and weights (n_s, n) in m², for a beam of that 1/e² radius.
+
+        At least 12 × 10 points a sector; more where the beam is narrow or the sector wide. Unequal sectors are padded
+        with points of no weight. `refine` multiplies both counts, to measure the error.
+        """
+        scale = refine * max(1.0, self.radius / (1.25 * beam_radius))
+        rules = []
+        for s in self.sectors:
+            wide = max(1.0, (s.stop - s.start) / (2.0 * np.pi / 3.0))
+            rules.append(s.quadrature(int(np.ceil(12 * scale - 1e-9)), int(np.ceil(10 * scale * wide - 1e-9))))
+        most = max(weights.size for _, weights in rules)
+        points = np.zeros((len(rules), most, 2))
+        weights = np.zeros((len(rules), most))
+        for k, (p, w) in enumerate(rules):
+            points[k, : w.size] = p - self.centre
+            weights[k, : w.size] = w
+        return points, weights
+
+
+def sail_shape(sail: scenes.Sail) -> SailShape:
+    """The sectors of a scene's sail; a sector ends where the next one starts, the last one where the first does."""
+    starts = [np.radians(sector.from_deg) for sector in sail.sectors]
+    stops = [*starts[1:], starts[0] + 2.0 * np.pi]
+    shapes = []
+    for i, (sector, start, stop) in enumerate(zip(sail.sectors, starts, stops, strict=True)):
+        material = sector.properties
+        reflectance = sector.reflectance or 0.0
+        if sector.design is None and reflectance + material.absorptance > 1.0:
+            raise InputError(
+                f"sail.sectors.{i}.reflectance = {reflectance:g}: with the material's absorptance "
+                f"{material.absorptance:g} it must not exceed 1"
+            )
+        shapes.append(SectorShape(
+            start, stop, sail.radius_m, material.areal_mass, np.array(sector.g), sector.design, reflectance,
+            material.absorptance,
+        ))
+    return SailShape(sail.radius_m, tuple(shapes))
+
+
+def load_tables(paths: Iterable[str | Path], scene: scenes.Scene) -> dict[str, PressureTable]:
+    """The pressure table of each design of the scene, in the scene's order of designs.
+
+    A file belongs to the design its attribute `name` says. InputError when a file can't be read, belongs to no design
+    of the scene, comes twice, was made for another wavelength than the others, or when a design has none.
+    """
+    found: dict[str, tuple[Path, PressureTable]] = {}
+    for path in map(Path, paths):
+        table = PressureTable.read(path)
+        if table.name not in scene.sail.designs:
+            allowed = ", ".join(scene.sail.designs) or "none: no sector has a design"
+            raise InputError(
+                f"{path}: name = '{table.name}': not a design of scene '{scene.name}' (allowed: {allowed})"
+            )
+        if table.name in found:
+            raise InputError(
+                f"{path}: name = '{table.name}': {found[table.name][0]} is already the table of that design"
+            )
+        found[table.name] = (path, table)
+    missing = [design for design in scene.sail.designs if design not in found]
+    if missing:
+        raise InputError(
+            f"scene '{scene.name}': sail.sectors design = '{missing[0]}': no pressure table given; "
+            "add its file to --tables"
+        )
+    _one_wavelength(found)
+    return {design: found[design][1] for design in scene.sail.designs}
+
+
+def _one_wavelength(found: dict[str, tuple[Path, PressureTable]]) -> None:
+    """Refuse tables of different wavelengths: one beam lights the whole sail."""
+    known = [(path, wavelength(table)) for path, table in found.values() if wavelength(table)]
+    for path, value in known[1:]:
+        if value != known[0][1]:
+            raise InputError(
+                f"{path}: cell.wavelength_nm = {value:g}: must be {known[0][1]:g}, as in {known[0][0]}: "
+                "one beam lights the whole sail"
+            )
+
+
+def wavelength(table: PressureTable) -> float | None:
+    """Wavelength in nm a table says it was made for, None where it doesn't say."""
+    cell: Any = table.attrs.get("cell")
+    value = cell.get("wavelength_nm") if isinstance(cell, dict) else table.attrs.get("wavelength_nm")
+    return float(value) if value is not None else None
+
+
+def provenance(tables: dict[str, PressureTable]) -> dict[str, dict[str, Any]]:
+    """For each design: which solver made its table, and the digest of its numbers."""
+    return {
+        design: {"solver": str(table.attrs.get("solver", "unknown")), "digest": table.digest}
+        for design, table in tables.items()
+    }
