@@ -116,5 +116,5 @@ def read_metagrating(path: str | Path) -> Metagrating:
     """Like `read_cell`, for stages that take gratings only."""
     cell = read_cell(path)
     if not isinstance(cell, Metagrating):
-        raise InputError(f"{path}: kind = {cell.kind!r}: this solver takes a metagrating; use optics.thin_film for films")
+        raise InputError(f"{path}: kind = {cell.kind!r}: must be metagrating; use optics.thin_film for films")
     return cell

@@ -2,9 +2,9 @@
 
 Cell frame (g, r, n): g across the ridges, r along them, n = g × r. Light falls on the ridge side:
 
-         k ↘  | n (downstream, +)
-    ▔▔▔█▔▔▔█▔▔▔   ridges face the light
-    ▔▔▔▔▔▔▔▔▔▔▔   membrane              g →   r into the page... n ↓
+        light ↓ k
+        ██  █     ██  █     ridges face the light        ┌──→ g
+        ▀▀▀▀▀▀▀▀▀▀▀▀▀▀▀     membrane                     ↓ n     r points out of the page
 
 Direction cosines: u = k·g, v = k·r, w = k·n > 0. Time factor exp(−iωt).
 """
@@ -50,7 +50,8 @@ def order_cosines(
 ) -> tuple[Floats, Complexes]:
     """u_m = u + m λ/d and w_m = √(n² − u_m² − v²) (Im ≥ 0) of the diffraction orders.
 
-    `pitch` is λ/d. u and v broadcast; the last axis of the results runs over `orders`. Evanescent orders have imaginary w_m.
+    `pitch` is λ/d. u and v broadcast; the last axis of the results runs over `orders`. Evanescent orders have an
+    imaginary w_m.
     """
     u_m = np.asarray(u)[..., None] + pitch * orders
     s = np.hypot(u_m, np.asarray(v)[..., None])

@@ -119,7 +119,7 @@ def _columns(modes: _Modes, v: Floats) -> tuple[Complexes, Complexes, Complexes]
 
 
 def _tensor(s: Complexes, p: Complexes, u_m: Floats, v: Floats) -> Complexes:
-    """2 × 2 blocks (n_v, n, 2, 2), [h_x, h_y] from [E_x, E_y], of admittances s and p (n_v, n) of each order's plane waves."""
+    """Blocks (n_v, n, 2, 2) giving [h_x, h_y] from [E_x, E_y], of each order's admittances s and p (n_v, n)."""
     k_t = np.hypot(u_m, v[:, None])
     safe = np.where(k_t > 0, k_t, 1.0)
     a, b = np.where(k_t > 0, u_m / safe, 1.0), np.where(k_t > 0, v[:, None] / safe, 0.0)
@@ -212,7 +212,7 @@ def _solve_row(cell: Metagrating, u: float, v: Floats, order: int) -> tuple[Floa
 
 
 def solve(cell: Metagrating, u: NDArray[np.float64], v: NDArray[np.float64], order: int) -> Response:
-    """Response over the directions u (n_u) × v (n_v) with diffraction orders −order … order. Source: module docstring."""
+    """Response over directions u (n_u) × v (n_v) with diffraction orders −order … order (see the module docstring)."""
     rows = [_solve_row(cell, float(x), np.asarray(v, float), order) for x in np.asarray(u, float)]
     return Response(*(np.stack(part) for part in zip(*rows, strict=True)))
 
@@ -251,7 +251,7 @@ def choose_nodes(cell: Metagrating, u_max: float, v_max: float, tolerance: float
 
 
 def choose_order(cell: Metagrating, u: Floats, v: Floats, tolerance: float) -> int:
-    """Smallest number of orders whose error, seen against the next but one step, is below `tolerance` at 95 % of u × v."""
+    """Fewest orders whose error, seen against the next but one step, is below `tolerance` at 95 % of u × v."""
     results: dict[int, Floats] = {}
     for order, finer in zip(_LADDER, _LADDER[2:], strict=False):
         for n in (order, finer):
@@ -263,18 +263,18 @@ def choose_order(cell: Metagrating, u: Floats, v: Floats, tolerance: float) -> i
 
 
 def order_error(cell: Metagrating, u: Floats, v: Floats, order: int, q: Floats) -> Floats:
-    """Estimated error (n_u, n_v) of q from truncation: its change from 0.7 of the orders, at least a tenth of the typical.
+    """Estimated error (n_u, n_v) of q from truncation: its largest change from 0.5 and 0.7 of the orders, floored.
 
-    Errors fall about as N⁻³, so that the change is about twice the error of `order` itself; the floor covers directions
-    where the change happens to vanish.
+    Errors fall between N⁻² and N⁻³ with wiggles, so that the change is a few times the error of `order`; the floor (a
+    tenth of the typical change) covers directions where the change happens to vanish.
     """
-    coarse = solve(cell, u, v, int(np.ceil(0.7 * order))).q
-    change = np.abs(coarse - q).max(axis=-1)
+    coarser = [solve(cell, u, v, int(np.ceil(share * order))).q for share in (0.5, 0.7)]
+    change = np.max([np.abs(coarse - q).max(axis=-1) for coarse in coarser], axis=0)
     return np.asarray(np.maximum(change, 0.1 * np.quantile(change, 0.95)) + 1e-13)
 
 
 def make_table(cell: Metagrating, u_max: float, v_max: float, tolerance: float) -> PressureTable:
-    """Pressure table over |u| ≤ u_max, |v| ≤ v_max; orders and directions chosen so that the error is about `tolerance`."""
+    """Pressure table over |u| ≤ u_max, |v| ≤ v_max, its orders and directions chosen for an error near `tolerance`."""
     watch = Stopwatch()
     u, v = choose_nodes(cell, u_max, v_max, tolerance)
     order = choose_order(cell, u.nodes[:: max(1, u.nodes.size // 24)], v_max * np.array([0.0, 0.5, 1.0]), tolerance)
@@ -297,7 +297,7 @@ def make_table(cell: Metagrating, u_max: float, v_max: float, tolerance: float) 
 
 def main() -> None:
     """Command line: see the module docstring."""
-    arguments = table_arguments("optics.modal", "Pressure table of a metagrating by the Fourier modal method", 1e-4, 0.4227)
+    arguments = table_arguments("optics.modal", "Pressure table of a grating by the Fourier modal method", 1e-4, 0.4227)
     cell = read_metagrating(arguments.cell)
     check_range(cell.surroundings.front, arguments.u_max, arguments.v_max)
     with threadpool_limits(1):

@@ -84,8 +84,8 @@ def choose_nodes(
 ) -> tuple[Floats, Floats]:
     """Fewest tensor nodes from which `fill` reproduces a known response to `tolerance`.
 
-    `values` (n_u, n_v, k) is the known response (of the modal solver) on a fine grid u × v, v ≥ 0 with v[0] = 0. Nodes in
-    u are added where the error is largest; nodes in v² are Chebyshev points. Each axis gets half of the tolerance.
+    `values` (n_u, n_v, k) is the known response (of the modal solver) on a fine grid u × v, v ≥ 0 with v[0] = 0. Nodes
+    in u are added where the error is largest; nodes in v² are Chebyshev points. Each axis gets half of the tolerance.
     """
     for count in range(2, most_v + 1):
         v_nodes = even_nodes(float(v[-1]), count)

@@ -111,7 +111,8 @@ def _lookup_plain(t: TableArrays, u: float, v: float) -> tuple[float, float, flo
         return f[0, 0], f[1, 0], f[2, 0], f[3, 0], inside
     a = _hermite(s, hu)
     b = _hermite(r, hv)
-    return _patch(c, i, j, 0, a, b), _patch(c, i, j, 1, a, b), _patch(c, i, j, 2, a, b), _patch(c, i, j, 3, a, b), inside
+    q_g, q_r, q_n = _patch(c, i, j, 0, a, b), _patch(c, i, j, 1, a, b), _patch(c, i, j, 2, a, b)
+    return q_g, q_r, q_n, _patch(c, i, j, 3, a, b), inside
 
 
 @numba.njit(cache=True)
@@ -128,7 +129,7 @@ def lookup(t: TableArrays, u: float, v: float) -> tuple[float, float, float, flo
 
 @numba.njit(cache=True)
 def lookup_gradient(t: TableArrays, u: float, v: float, out: Floats) -> bool:
-    """Write ∂(q_g, q_r, q_n, absorptance)/∂(u, v) into out (4, 2) for a table that is not axisymmetric; inside or not."""
+    """Write ∂(q_g, q_r, q_n, absorptance)/∂(u, v) into out (4, 2); returns inside. Not for axisymmetric tables."""
     uu = min(max(u, t.u[0]), t.u[-1])
     vv = min(max(v, t.v[0]), t.v[-1])
     i = _locate(t.u, t.bucket_u, uu)
@@ -187,8 +188,8 @@ class PressureTable:
     """Pressure coefficients of one cell over direction cosines.
 
     u (n_u), v (n_v): ascending, in the cell frame. q_nodes (3, n_u, n_v): components g, r, n. absorptance_nodes, error
-    (n_u, n_v): absorbed fraction and estimated absolute error of q. With `mirror_v` only v ≥ 0 is stored (q_g, q_n and the
-    absorptance are even in v, q_r is odd). An axisymmetric table (a film) has v = [0] and u from 0.
+    (n_u, n_v): absorbed fraction and estimated absolute error of q. With `mirror_v` only v ≥ 0 is stored (q_g, q_n and
+    the absorptance are even in v, q_r is odd). An axisymmetric table (a film) has v = [0] and u from 0.
     `attrs`: what made the table (name, cell, solver, settings, versions, wall_seconds, energy_imbalance, cutoffs).
     """
 
@@ -204,7 +205,8 @@ class PressureTable:
     def __post_init__(self) -> None:
         shape = (self.u.size, self.v.size)
         for name, array, want in (
-            ("q", self.q_nodes, (3, *shape)), ("absorptance", self.absorptance_nodes, shape), ("error", self.error, shape),
+            ("q", self.q_nodes, (3, *shape)), ("absorptance", self.absorptance_nodes, shape),
+            ("error", self.error, shape),
         ):
             if array.shape != want:
                 raise InputError(f"{name} has shape {array.shape}; must be {want}")
@@ -294,7 +296,7 @@ class PressureTable:
         """Write the table as netCDF-4/HDF5, atomically."""
         data = xr.Dataset(
             {
-                "q": (("component", "u", "v"), self.q_nodes, {"units": "1", "long_name": "force × c per incident power"}),
+                "q": (("component", "u", "v"), self.q_nodes, {"units": "1", "long_name": "force × c / incident power"}),
                 "absorptance": (("u", "v"), self.absorptance_nodes, {"units": "1"}),
                 "error": (("u", "v"), self.error, {"units": "1", "long_name": "estimated absolute error of q"}),
             },
@@ -323,12 +325,12 @@ class PressureTable:
     def read(cls, path: str | Path) -> PressureTable:
         """The table in a file; InputError says why a missing, foreign, truncated or edited file is refused."""
         if not os.path.exists(path):
-            raise InputError(f"{path}: no such pressure table; make it with python -m optics.modal (or fdtd, thin_film)")
+            raise InputError(f"{path}: no such pressure table; make it with optics.modal, fdtd or thin_film")
         try:
             with xr.open_dataset(path, engine="h5netcdf", decode_cf=False) as data:
                 data.load()
-        except Exception as error:
-            raise InputError(f"{path}: not a readable HDF5 table ({type(error).__name__}: {error})") from None
+        except Exception as refusal:
+            raise InputError(f"{path}: not a readable HDF5 table ({type(refusal).__name__}: {refusal})") from None
         for name in ("u", "v", "q", "absorptance", "error"):
             if name not in data.variables:
                 raise InputError(f"{path}: not a pressure table: '{name}' is missing")
@@ -338,13 +340,18 @@ class PressureTable:
         flags = {name: bool(attrs.pop(name, 0)) for name in ("mirror_v", "axisymmetric")}
         digest = attrs.pop("digest", "")
         del attrs["schema"]
-        arrays = (np.asarray(data[name].values, float) for name in ("u", "v", "q", "absorptance", "error"))
+        u, v, q, absorptance, error = (
+            np.asarray(data[name].values, float) for name in ("u", "v", "q", "absorptance", "error")
+        )
         try:
-            table = cls(*arrays, **flags, attrs={key: _decode(value) for key, value in attrs.items()})
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
+            table = cls(
+                u, v, q, absorptance, error, flags["mirror_v"], flags["axisymmetric"],
+                {key: _decode(value) for key, value in attrs.items()},
+            )
+        except InputError as refusal:
+            raise InputError(f"{path}: {refusal}") from None
         if table.digest != digest:
-            raise InputError(f"{path}: its numbers were changed after it was made (digest differs); make the table again")
+            raise InputError(f"{path}: numbers were changed after it was made (digest differs); make it again")
         return table
 
 

@@ -1,7 +1,7 @@
 """Reflection, transmission and absorption of plane films, from the back by reflection coefficients of decaying waves.
 
-Airy's recursion r = (r₁₂ + r₂₃ x²)/(1 + r₁₂ r₂₃ x²), x = exp(iδ) with |x| ≤ 1 (Born & Wolf, Principles of Optics, §1.6):
-it cannot overflow, whatever the thickness. Any number of layers; s, p and their mean.
+Airy's recursion r = (r₁₂ + r₂₃ x²)/(1 + r₁₂ r₂₃ x²), x = exp(iδ) with |x| ≤ 1 (Born & Wolf, Principles of Optics,
+§1.6): it cannot overflow, whatever the thickness. Any number of layers; s, p and their mean.
 
     python -m optics.thin_film --cell workflow/designs/si43.yaml --out table.h5
 """
@@ -53,11 +53,11 @@ def _amplitudes(cell: ThinFilm, s: Floats, polarisation: str) -> tuple[Floats, F
         denominator = 1 + front * r * x * x
         t = (1 + front) * x * t / denominator
         r = (front + r * x * x) / denominator
-    return np.abs(r) ** 2, np.abs(t) ** 2 * y[-1].real / y[0].real
+    return np.asarray(np.abs(r) ** 2), np.asarray(np.abs(t) ** 2 * y[-1].real / y[0].real)
 
 
 def solve(cell: ThinFilm, s: Floats) -> FilmResponse:
-    """Response at k_t/k₀ = s (n,), the sine of incidence in vacuum; the mean of s and p unless the cell says otherwise."""
+    """Response at k_t/k₀ = s (n,), the sine of incidence in vacuum, for the cell's polarisation."""
     s = np.asarray(s, float)
     kinds = ("s", "p") if cell.polarisation == "mean" else (cell.polarisation,)
     both = np.mean([_amplitudes(cell, s, kind) for kind in kinds], axis=0)
@@ -96,7 +96,8 @@ def make_table(cell: ThinFilm, s_max: float, tolerance: float) -> PressureTable:
     # Closed form: what error there is comes from interpolation and rounding.
     error = nodes.error + 1e-14
     return PressureTable(
-        nodes.nodes, np.zeros(1), values[:, :3].T[..., None], values[:, 3:], error[:, None], axisymmetric=True, attrs=attrs
+        nodes.nodes, np.zeros(1), values[:, :3].T[..., None], values[:, 3:], error[:, None],
+        axisymmetric=True, attrs=attrs,
     )
 
 

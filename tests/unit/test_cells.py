@@ -1,0 +1,58 @@
+"""Unit cells are read strictly, and what is wrong is said in one line."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from optics.cells import read_cell, read_metagrating
+from optics.files import InputError
+
+DESIGN = (Path(__file__).parents[2] / "workflow/designs/mark1e_te.yaml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("period_nm: 1600", "period_nm: -1600", r"period_nm = -1600(\.0)?: must be greater than 0"),
+        ("period_nm: 1600", "period_nm: 1500nm", r'period_nm = "1500nm": must be a valid number'),
+        ("period_nm: 1600", "perod_nm: 1600", r"unknown key 'perod_nm'; did you mean 'period_nm'\? \(allowed: .*\)"),
+        ("period_nm: 1600", "", r"period_nm: missing; it must be given"),
+        ("period_nm: 1600", "period_nm: .nan", r"period_nm = NaN: must be a finite number"),
+        ("[790, 200]", "[590, 200]", r"ridges_nm\[1\] = \[590, 200\] overlaps the ridge before it: .* at least 600"),
+        ("[790, 200]", "[1490, 200]", r"the last ridge ends at 1690, beyond period_nm = 1600"),
+        ("[790, 200]", "[790, 0]", r"ridges_nm\[1\] = \[790, 0\]: the width must be greater than 0"),
+        ("electric_axis: r", "electric_axis: x", r"electric_axis = \"x\": must be 'g' or 'r'"),
+        ("kind: metagrating", "kind: grating", r"kind = 'grating': must be one of metagrating, thin_film"),
+        ("period_nm: 1600", "period_nm: [", r"not valid YAML"),
+        ("period_nm: 1600", "period_nm: 1600\nperiod_nm: 1500", r"not valid YAML: key 'period_nm' is given twice"),
+        ("name: mark1e_te", "name: ../te", r"name = "),
+    ],
+)
+def test_bad_cells_are_refused_with_file_field_and_what_is_allowed(tmp_path, old, new, message):
+    assert old in DESIGN
+    path = tmp_path / "cell.yaml"
+    path.write_text(DESIGN.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_cell(path)
+    text = str(caught.value)
+    assert text.startswith(str(path))
+    assert "\n" not in text
+    assert re.search(message, text), text
+
+
+def test_missing_file_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"nothing\.yaml: no such file"):
+        read_cell(tmp_path / "nothing.yaml")
+
+
+def test_film_is_no_grating():
+    with pytest.raises(InputError, match="must be metagrating"):
+        read_metagrating(Path(__file__).parents[2] / "workflow/designs/si43.yaml")
+
+
+def test_derived_quantities(te, tm):
+    assert te.fill == pytest.approx(0.5)
+    assert te.mean_thickness_nm == pytest.approx(400.0)
+    assert tm.mean_thickness_nm == pytest.approx(1240 / 3)
+    assert te.index.permittivity == pytest.approx((2 + 2e-6j) ** 2)
