@@ -1,0 +1,47 @@
+"""What all rules share: the checked configuration, the stages' source files, one thread a job."""
+
+import os
+import sys
+from pathlib import Path
+
+from snakemake.logging import logger
+
+# The project's own modules are those beside this workflow, whichever copy of it is installed.
+sys.path.insert(0, workflow.basedir)
+
+from optics.files import InputError, load_yaml
+from workflow.configuration import SOURCE, read_plan
+from workflow.sources import sources
+
+# Jobs run the Python that runs Snakemake, each on one core; a job imports the modules of the folder it runs in.
+os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+
+def checked(read, what):
+    """`read(what)`; a user's mistake ends Snakemake with one line."""
+    try:
+        return read(what)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+checked(load_yaml, SOURCE)
+
+
+configfile: SOURCE
+
+
+plan = checked(read_plan, config)
+
+if not plan.fdtd:
+    why = "fdtd: false" if plan.config.fdtd is False else "Meep is not installed (apt-get install python3-meep)"
+    logger.info(f"FDTD left out, everything else runs: {why}")
+
+
+wildcard_constraints:
+    design=r"[A-Za-z0-9_.-]+",
+    scene=r"[A-Za-z0-9_.-]+",
+    part=r"\d+",

@@ -1,0 +1,57 @@
+"""Which effects a scene calls for, and is the spinning sail stable: from the modal tables, and again from those of FDTD."""
+
+
+rule scene_plan:
+    input:
+        scene="workflow/scenes/{scene}.yaml",
+        sources=sources("dynamics.scene"),
+    output:
+        "results/scenes/{scene}/plan.json",
+    log:
+        "results/logs/scenes/{scene}/plan.log",
+    benchmark:
+        "results/benchmarks/scenes/{scene}/plan.tsv"
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
+    message:
+        "Effects that {wildcards.scene} calls for"
+    shell:
+        "python -m dynamics.scene --scene {input.scene} --out {output} > {log} 2>&1"
+
+
+rule floquet:
+    input:
+        scene="workflow/scenes/{scene}.yaml",
+        tables=lambda wildcards: plan.tables(wildcards.scene),
+        sources=sources("dynamics.floquet"),
+    output:
+        "results/scenes/{scene}/floquet.json",
+    log:
+        "results/logs/scenes/{scene}/floquet.log",
+    benchmark:
+        "results/benchmarks/scenes/{scene}/floquet.tsv"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Stability of {wildcards.scene}"
+    shell:
+        "python -m dynamics.floquet --scene {input.scene} --tables {input.tables} --out {output} > {log} 2>&1"
+
+
+use rule floquet as floquet_fdtd with:
+    input:
+        scene="workflow/scenes/{scene}.yaml",
+        tables=lambda wildcards: plan.tables(wildcards.scene, "fdtd"),
+        sources=sources("dynamics.floquet"),
+    output:
+        "results/scenes/{scene}/floquet_fdtd.json",
+    log:
+        "results/logs/scenes/{scene}/floquet_fdtd.log",
+    benchmark:
+        "results/benchmarks/scenes/{scene}/floquet_fdtd.tsv"
+    message:
+        "Stability of {wildcards.scene} from FDTD tables"
