@@ -1,0 +1,193 @@
+"""Force, torque and equations of motion of a flat rigid sail, on plain numbers in normalised units.
+
+Units: length D (diameter), mass m, time t₀ = √(m c/(I₀ D)); force I₀D²/c, torque I₀D³/c, inertia mD². The light travels
+along +z. Rotation Q maps body to lab components; quaternions are (w, x, y, z). Goldstein
+is Goldstein, Poole & Safko, Classical Mechanics.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics.kernels.beam import intensity, ramp
+from optics.table import TableArrays, lookup
+
+Floats = NDArray[np.float64]
+
+INSIDE, OUTSIDE_TABLE, LIT_FROM_BEHIND = 0, 1, 2
+STATE = 14  # position 3, velocity 3, quaternion 4, angular velocity 3, work 1
+
+
+class RigidSail(NamedTuple):
+    """A flat sail of n_s sectors with n_p quadrature points each, all lengths in diameters.
+
+    g (n_s, 2): direction across the ridges in body x, y. points (n_s, n_p, 2): from the centre of mass. weights
+    (n_s, n_p): areas. table (n_s,): index of the pressure table, −1 for constant `reflectance`, `absorptance` (n_s,).
+    inertia, inverse (3, 3): inertia tensor about the centre of mass and its inverse.
+    """
+
+    g: Floats
+    points: Floats
+    weights: Floats
+    table: NDArray[np.int64]
+    reflectance: Floats
+    absorptance: Floats
+    inertia: Floats
+    inverse: Floats
+
+
+class Light(NamedTuple):
+    """The beam in normalised units, and how the sail sees it.
+
+    power: 1, or 0 without light. radius: of 1/e² intensity. delay, rise, on: of the ramp. yaw_blind: incidence from the
+    lab pitch and roll whatever the yaw. axial: add the axial coordinate of the point to its distance from the beam.
+    """
+
+    power: float
+    radius: float
+    delay: float
+    rise: float
+    on: float
+    yaw_blind: bool
+    axial: bool
+
+
+@numba.njit(cache=True, error_model="numpy")
+def rotation(q: Floats, out: Floats) -> None:
+    """Write the rotation matrix (3, 3) of a quaternion (4,) of any length > 0 (Goldstein, §4.5)."""
+    s = 2.0 / (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    out[0, 0], out[0, 1], out[0, 2] = 1.0 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)
+    out[1, 0], out[1, 1], out[1, 2] = s * (x * y + w * z), 1.0 - s * (x * x + z * z), s * (y * z - w * x)
+    out[2, 0], out[2, 1], out[2, 2] = s * (x * z - w * y), s * (y * z + w * x), 1.0 - s * (x * x + y * y)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def incidence(turn: Floats, g: Floats, yaw_blind: bool) -> tuple[float, float]:
+    """(u, v) of the light in a sector with rest direction g (2,), r = n × g.
+
+    The true ones are those of k in body components, the last row of the rotation. The yaw-blind rule takes pitch
+    θ = asin n_x and roll φ = −atan2(n_y, n_z) of the normal in the lab for the tilt of a sail that never turned, so
+    that k = (−sinθ cosφ, sinφ, cosθ cosφ).
+    """
+    if yaw_blind:
+        slant = math.hypot(turn[1, 2], turn[2, 2])
+        kx, ky = -turn[0, 2] * turn[2, 2] / slant, -turn[1, 2] / slant
+    else:
+        kx, ky = turn[2, 0], turn[2, 1]
+    return kx * g[0] + ky * g[1], -kx * g[1] + ky * g[0]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def response(
+    sail: RigidSail, tables: tuple[TableArrays, ...], s: int, turn: Floats, yaw_blind: bool, out: Floats
+) -> int:
+    """Write q (3,) of sector s, force × c per incident power in body components; a flag says where light came from."""
+    if sail.table[s] < 0:
+        # F = (P/c)(2R (k·n) n + a k): mirror reflection, light that passes carries its momentum on
+        for i in range(3):
+            out[i] = sail.absorptance[s] * turn[2, i]
+        out[2] += 2.0 * sail.reflectance[s] * turn[2, 2]
+        return INSIDE
+    g = sail.g[s]
+    u, v = incidence(turn, g, yaw_blind)
+    q_g, q_r, q_n, _, inside = lookup(tables[sail.table[s]], u, v)
+    out[0] = q_g * g[0] - q_r * g[1]
+    out[1] = q_g * g[1] + q_r * g[0]
+    out[2] = q_n
+    if turn[2, 2] <= 0.0:
+        return LIT_FROM_BEHIND
+    return INSIDE if inside else OUTSIDE_TABLE
+
+
+@numba.njit(cache=True, error_model="numpy")
+def moments(sail: RigidSail, light: Light, s: int, turn: Floats, x: float, y: float) -> tuple[float, float, float]:
+    """(∫e dA, ∫X e dA, ∫Y e dA) over sector s, e = exp(−2ρ²/w²), with the centre of mass at (x, y) in the lab."""
+    total, first_x, first_y = 0.0, 0.0, 0.0
+    for p in range(sail.weights.shape[1]):
+        X, Y = sail.points[s, p, 0], sail.points[s, p, 1]
+        e = sail.weights[s, p] * intensity(
+            x + turn[0, 0] * X + turn[0, 1] * Y, y + turn[1, 0] * X + turn[1, 1] * Y, 1.0, light.radius
+        )
+        if light.axial:
+            e *= intensity(turn[2, 0] * X + turn[2, 1] * Y, 0.0, 1.0, light.radius)
+        total += e
+        first_x += e * X
+        first_y += e * Y
+    return total, first_x, first_y
+
+
+@numba.njit(cache=True, error_model="numpy")
+def load(
+    sail: RigidSail, tables: tuple[TableArrays, ...], light: Light, turn: Floats, x: float, y: float, out: Floats
+) -> int:
+    """Write force and torque about the centre of mass (6,), body components, at full intensity; worst flag of a sector.
+
+    F = Σ |w| ∫ e q dA, τ = Σ |w| ∫ e b × q dA over the sectors, q constant in each; b = (X, Y, 0).
+    """
+    out[:] = 0.0
+    q = np.empty(3)
+    flag = INSIDE
+    for s in range(sail.table.size):
+        flag = max(flag, response(sail, tables, s, turn, light.yaw_blind, q))
+        total, first_x, first_y = moments(sail, light, s, turn, x, y)
+        for i in range(3):
+            out[i] += total * q[i]
+        out[3] += first_y * q[2]
+        out[4] -= first_x * q[2]
+        out[5] += first_x * q[1] - first_y * q[0]
+    for i in range(6):
+        out[i] *= abs(turn[2, 2])
+    return flag
+
+
+@numba.njit(cache=True, error_model="numpy")
+def derivative(
+    sail: RigidSail, tables: tuple[TableArrays, ...], light: Light, t: float, state: Floats, out: Floats
+) -> int:
+    """Write d(state)/dt (14,) of position, velocity (lab), quaternion, angular velocity (body), work; flag of `load`.
+
+    Newton's and Euler's equations (Goldstein, §5.5), q̇ = ½ q ⊗ (0, ω), and the power
+    F·v + τ·ω of the light on the sail.
+    """
+    turn = np.empty((3, 3))
+    rotation(state[6:10], turn)
+    body = np.zeros(6)
+    share = light.power * ramp(t, light.delay, light.rise, light.on)
+    flag = INSIDE
+    if share > 0.0:
+        flag = load(sail, tables, light, turn, state[0], state[1], body)
+        body *= share
+    w, x, y, z = state[6], state[7], state[8], state[9]
+    p, q, r = state[10], state[11], state[12]
+    out[6] = -0.5 * (x * p + y * q + z * r)
+    out[7] = 0.5 * (w * p + y * r - z * q)
+    out[8] = 0.5 * (w * q + z * p - x * r)
+    out[9] = 0.5 * (w * r + x * q - y * p)
+    _turning(sail, state[10:13], body[3:6], out[10:13])
+    power = body[3] * p + body[4] * q + body[5] * r
+    for i in range(3):
+        out[i] = state[3 + i]
+        out[3 + i] = turn[i, 0] * body[0] + turn[i, 1] * body[1] + turn[i, 2] * body[2]
+        power += out[3 + i] * state[3 + i]
+    out[13] = power
+    return flag
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _turning(sail: RigidSail, omega: Floats, torque: Floats, out: Floats) -> None:
+    """Euler's equations I ω̇ = τ − ω × Iω; writes ω̇ (3,)."""
+    spin = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            spin[i] += sail.inertia[i, j] * omega[j]
+    x = torque[0] - (omega[1] * spin[2] - omega[2] * spin[1])
+    y = torque[1] - (omega[2] * spin[0] - omega[0] * spin[2])
+    z = torque[2] - (omega[0] * spin[1] - omega[1] * spin[0])
+    for i in range(3):
+        out[i] = sail.inverse[i, 0] * x + sail.inverse[i, 1] * y + sail.inverse[i, 2] * z

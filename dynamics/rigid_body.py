@@ -1,0 +1,132 @@
+"""The sail as a rigid body on its beam, in the normalised units of the equations of motion, and back to SI.
+
+Units (Gao, Kelzenberg & Atwater, supplementary text): length D, mass m, time t₀ = √(m c/(I₀ D)), so that the force unit
+is I₀D²/c and the torque unit I₀D³/c.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics import scene as scenes
+from dynamics.attitude import quaternion_from_angles, rotation_from_quaternion
+from dynamics.kernels import rigid as kernel
+from dynamics.sail import SailShape, sail_shape
+from optics.files import InputError
+from optics.table import PressureTable, TableArrays
+
+Floats = NDArray[np.float64]
+
+LIGHT_SPEED = 299792458.0
+
+
+@dataclass(frozen=True)
+class Units:
+    """Length in m, mass in kg and time in s that count as one."""
+
+    length: float
+    mass: float
+    time: float
+
+    @property
+    def state(self) -> Floats:
+        """SI values (14,) of the units of position, velocity, quaternion, angular velocity and work."""
+        speed = self.length / self.time
+        scale = [self.length] * 3 + [speed] * 3 + [1.0] * 4 + [1.0 / self.time] * 3 + [self.mass * speed**2]
+        return np.array(scale)
+
+    @property
+    def force(self) -> float:
+        """Unit of force in N."""
+        return self.mass * self.length / self.time**2
+
+    @property
+    def torque(self) -> float:
+        """Unit of torque in N m."""
+        return self.force * self.length
+
+
+def normal_units(shape: SailShape, intensity: float) -> Units:
+    """Units of a sail in light of that intensity in W/m²; without light the time unit is a second."""
+    time = np.sqrt(shape.mass * LIGHT_SPEED / (intensity * shape.diameter)) if intensity > 0 else 1.0
+    return Units(shape.diameter, shape.mass, float(time))
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """A scene's sail, beam and tables as the compiled kernels want them."""
+
+    shape: SailShape
+    units: Units
+    sail: kernel.RigidSail
+    light: kernel.Light
+    tables: tuple[TableArrays, ...]
+
+    def load(self, position: Floats, turn: Floats) -> tuple[Floats, Floats, int]:
+        """Force (3,) in N in lab components, torque (3,) in N m in body components, flag, at full intensity.
+
+        `position` (3,) in m of the centre of mass in the lab, `turn` (3, 3) from body to lab components.
+        """
+        out = np.empty(6)
+        x, y = position[0] / self.units.length, position[1] / self.units.length
+        flag = kernel.load(self.sail, self.tables, self.light, np.ascontiguousarray(turn, float), x, y, out)
+        return turn @ out[:3] * self.units.force, out[3:] * self.units.torque, flag
+
+    def derivative(self, t: float, state: Floats, out: Floats) -> int:
+        """Write d(state)/dt (14,) in normalised units; flag of the light."""
+        return int(kernel.derivative(self.sail, self.tables, self.light, t, state, out))
+
+    def start(self, release: scenes.Release) -> Floats:
+        """State (14,) at release in normalised units: tilted about the origin, spin axis included, then shifted."""
+        quaternion = quaternion_from_angles(np.radians(release.roll_deg), np.radians(release.pitch_deg), 0.0)
+        state = np.zeros(kernel.STATE)
+        state[:3] = rotation_from_quaternion(quaternion) @ [*self.shape.centre, 0.0]
+        state[:2] += release.offset_m
+        state[6:10] = quaternion
+        state[12] = 2.0 * np.pi * release.spin_Hz
+        return state / self.units.state
+
+
+def rigid_body(
+    scene: scenes.Scene, tables: dict[str, PressureTable], lookup: str | None = None, refine: int = 1
+) -> RigidBody:
+    """The scene's rigid body. `lookup` overrides the scene's rule of that name; `refine` multiplies the quadrature."""
+    shape = sail_shape(scene.sail)
+    units = normal_units(shape, scene.beam.intensity_W_m2)
+    beam = scene.beam
+    light = kernel.Light(
+        1.0 if beam.intensity_W_m2 > 0 else 0.0, beam.radius_m / units.length, beam.delay_s / units.time,
+        beam.rise_s / units.time, beam.on_s / units.time, scene.incidence == "yaw_blind",
+        scene.rigid.beam_distance == "published",
+    )
+    nearest = (lookup or scene.lookup) == "nearest"
+    return RigidBody(shape, units, _arrays(shape, units, tables, beam, refine), light, _tables(tables, nearest))
+
+
+def _arrays(
+    shape: SailShape, units: Units, tables: dict[str, PressureTable], beam: scenes.Beam, refine: int
+) -> kernel.RigidSail:
+    """The sail's arrays in normalised units; tables are numbered in the order of the mapping."""
+    points, weights = shape.quadrature(beam.radius_m, refine)
+    inertia = shape.inertia / (units.mass * units.length**2)
+    missing = [s.design for s in shape.sectors if s.design is not None and s.design not in tables]
+    if missing:
+        raise InputError(f"sail.sectors design = '{missing[0]}': no pressure table given")
+    numbers = [-1 if s.design is None else list(tables).index(s.design) for s in shape.sectors]
+    return kernel.RigidSail(
+        np.array([s.g for s in shape.sectors]), points / units.length, weights / units.length**2,
+        np.array(numbers, dtype=np.int64), np.array([s.reflectance for s in shape.sectors]),
+        np.array([s.absorptance for s in shape.sectors]), inertia, np.linalg.inv(inertia),
+    )
+
+
+def _tables(tables: dict[str, PressureTable], nearest: bool) -> tuple[TableArrays, ...]:
+    """Tables for the kernels, which need at least one to be compiled: without any, a table that nobody reads."""
+    arrays = tuple(table.arrays(nearest) for table in tables.values())
+    if arrays:
+        return arrays
+    axis = np.array([0.0, 1.0])
+    return (PressureTable(axis, axis, np.zeros((3, 2, 2)), np.zeros((2, 2)), np.ones((2, 2))).arrays(),)
