@@ -37,6 +37,8 @@ from optics.table import PressureTable
 
 # A mode exactly at its cut-off (k_z = 0) is moved off it by this much: q moves by as little, and no matrix is singular.
 _CUTOFF = 1e-8
+# Modes that decay by more than this across the ridges do not see the far side.
+_NEGLIGIBLE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -183,20 +185,23 @@ def _solve_row(cell: Metagrating, u: float, v: Floats, order: int) -> tuple[Floa
     e, h, k_z = _columns(_ridge_modes(cell, u_m), v)
     back = _back(cell, u_m, v)
     x = np.exp(1j * k_z * 2 * np.pi * cell.ridge_height_nm / cell.wavelength_nm)
+    reach = np.flatnonzero(np.abs(x).max(axis=0) > _NEGLIGIBLE)
     y_e = _apply(back.admittance, e)
-    bounce = np.linalg.solve(h + y_e, h - y_e)  # amplitudes turned back by all that lies behind the ridges
+    # Amplitudes (n_v, 2n, modes that reach so far) turned back by all that lies behind the ridges.
+    bounce = np.linalg.solve(h + y_e, (h - y_e)[:, :, reach]) * x[:, None, reach]
 
     front = _tensor(*_half_space(u_m, v, complex(front_index) ** 2)[1:], u_m, v)
     y_e = _apply(front, e)
-    round_trip = x[:, :, None] * bounce * x[:, None, :]
     k = wave_vector(u, v, front_index)
     field = electric_vector(u, v, cell.electric_axis, front_index)
     magnetic = np.cross(k, field)
     e_in, h_in = np.zeros((2, v.size, 2 * n, 1), complex)
     e_in[:, order, 0], e_in[:, n + order, 0] = field[:, 0], field[:, 1]
     h_in[:, order, 0], h_in[:, n + order, 0] = magnetic[:, 0], magnetic[:, 1]
-    down = np.linalg.solve(h + y_e - (h - y_e) @ round_trip, 2 * h_in)
-    up = bounce @ (x[:, :, None] * down)
+    matrix = h + y_e
+    matrix[:, :, reach] -= (h - y_e)[:, :, reach] @ (x[:, reach, None] * bounce[:, reach])
+    down = np.linalg.solve(matrix, 2 * h_in)
+    up = bounce @ down[:, reach]
 
     e_r = e @ (down + x[:, :, None] * up) - e_in
     e_t = _apply(back.transfer, e @ (x[:, :, None] * down + up))
