@@ -235,8 +235,23 @@ def _flat(response: Response) -> Floats:
     return values.reshape(values.shape[0], -1)
 
 
-def choose_nodes(cell: Metagrating, u_max: float, v_max: float, tolerance: float) -> tuple[Refined, Refined]:
-    """Table nodes in u and in v ≥ 0 at which interpolation meets `tolerance`, found with a modest number of orders.
+@dataclass(frozen=True)
+class _Grid:
+    """Nodes u (n_u), v (n_v) of a table and the interpolation error (n_u, n_v) to expect around them."""
+
+    u: Floats
+    v: Floats
+    error: Floats
+
+
+def _along(refined: Refined, lines: Floats, at: Floats) -> Floats:
+    """Error of q (n_nodes, n_at): of the sampled line nearest to each of `at`."""
+    error = refined.error.reshape(refined.nodes.size, lines.size, 4)[..., :3].max(axis=-1)
+    return np.asarray(error[:, np.abs(lines[:, None] - at).argmin(axis=0)])
+
+
+def choose_nodes(cell: Metagrating, u_max: float, v_max: float, tolerance: float) -> _Grid:
+    """Nodes in u and in v ≥ 0 at which interpolation meets `tolerance`, found with a modest number of orders.
 
     Rayleigh cut-offs at v = 0 are nodes; away from it they run along circles through the grid, where `refine` stops at
     a smallest step and reports the error that is left.
@@ -251,8 +266,9 @@ def choose_nodes(cell: Metagrating, u_max: float, v_max: float, tolerance: float
         response = solve(cell, lines_u, x, _SCOUT_ORDER)
         return _flat(Response(*(np.swapaxes(part, 0, 1) for part in vars(response).values())))
 
-    v = refine(over_v, np.linspace(0.0, v_max, 9), tolerance, 12 * _SMALLEST_STEP)
-    return u, v
+    v = refine(over_v, np.linspace(0.0, v_max, 9), tolerance, 24 * _SMALLEST_STEP)
+    error = np.hypot(_along(u, lines_v, v.nodes), _along(v, lines_u, u.nodes).T)
+    return _Grid(u.nodes, v.nodes, error)
 
 
 def choose_order(cell: Metagrating, u: Floats, v: Floats, tolerance: float) -> int:
@@ -281,12 +297,12 @@ def order_error(cell: Metagrating, u: Floats, v: Floats, order: int, q: Floats) 
 def make_table(cell: Metagrating, u_max: float, v_max: float, tolerance: float) -> PressureTable:
     """Pressure table over |u| ≤ u_max, |v| ≤ v_max, its orders and directions chosen for an error near `tolerance`."""
     watch = Stopwatch()
-    u, v = choose_nodes(cell, u_max, v_max, tolerance)
-    order = choose_order(cell, u.nodes[:: max(1, u.nodes.size // 24)], v_max * np.array([0.0, 0.5, 1.0]), tolerance)
-    blocks = np.array_split(u.nodes, max(1, u.nodes.size // 8))
-    rows = [solve(cell, block, v.nodes, order) for block in progress(blocks, f"modal {cell.name}", unit="block")]
+    grid = choose_nodes(cell, u_max, v_max, tolerance)
+    order = choose_order(cell, grid.u[:: max(1, grid.u.size // 24)], v_max * np.array([0.0, 0.5, 1.0]), tolerance)
+    blocks = np.array_split(grid.u, max(1, grid.u.size // 8))
+    rows = [solve(cell, block, grid.v, order) for block in progress(blocks, f"modal {cell.name}", unit="block")]
     q, absorptance = (np.concatenate([getattr(row, name) for row in rows]) for name in ("q", "absorptance"))
-    error = order_error(cell, u.nodes, v.nodes, order, q) + np.hypot(u.error[:, None], v.error)
+    error = order_error(cell, grid.u, grid.v, order, q) + grid.error
     lossless = cell.index.k == 0
     attrs = {
         "name": cell.name, "solver": "modal", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
@@ -295,9 +311,7 @@ def make_table(cell: Metagrating, u_max: float, v_max: float, tolerance: float) 
         "energy_imbalance": float(np.abs(absorptance).max()) if lossless else float(max(0.0, -absorptance.min())),
         "wall_seconds": watch.seconds, "versions": versions("numpy", "scipy"),
     }
-    return PressureTable(
-        u.nodes, v.nodes, np.moveaxis(q, -1, 0), absorptance, error, mirror_v=True, attrs=attrs
-    )
+    return PressureTable(grid.u, grid.v, np.moveaxis(q, -1, 0), absorptance, error, mirror_v=True, attrs=attrs)
 
 
 def main() -> None:

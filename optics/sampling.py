@@ -18,7 +18,7 @@ Response = Callable[[Floats], Floats]
 
 @dataclass(frozen=True)
 class Refined:
-    """Nodes (n,) chosen by `refine`, and the interpolation error (n,) found beside each of them."""
+    """Nodes (n,) chosen by `refine`, and the interpolation error (n, k) of each value found beside them."""
 
     nodes: Floats
     error: Floats
@@ -36,11 +36,11 @@ def refine(response: Response, start: Floats, tolerance: float, smallest: float,
         middle = (nodes[1:] + nodes[:-1]) / 2
         exact = response(middle)
         guess = CubicHermiteSpline(nodes, values, slope_matrix(nodes) @ values)(middle)
-        error = np.abs(guess - exact).max(axis=1)
-        split = (error > tolerance) & (np.diff(nodes) > smallest)
+        error = np.abs(guess - exact)
+        split = (error.max(axis=1) > tolerance) & (np.diff(nodes) > smallest)
         if not split.any() or nodes.size + split.sum() > most:
-            beside = np.maximum(np.append(error, 0.0), np.insert(error, 0, 0.0))
-            return Refined(nodes, beside)
+            none = np.zeros((1, error.shape[1]))
+            return Refined(nodes, np.maximum(np.concatenate([error, none]), np.concatenate([none, error])))
         at = np.flatnonzero(split) + 1
         values = np.insert(values, at, exact[split], axis=0)
         nodes = np.insert(nodes, at, middle[split])

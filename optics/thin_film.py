@@ -94,7 +94,7 @@ def make_table(cell: ThinFilm, s_max: float, tolerance: float) -> PressureTable:
         "versions": versions("numpy", "scipy"),
     }
     # Closed form: what error there is comes from interpolation and rounding.
-    error = nodes.error + 1e-14
+    error = nodes.error.max(axis=1) + 1e-14
     return PressureTable(
         nodes.nodes, np.zeros(1), values[:, :3].T[..., None], values[:, 3:], error[:, None],
         axisymmetric=True, attrs=attrs,
