@@ -15,7 +15,7 @@ import os
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 import numpy as np
@@ -23,8 +23,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from optics.files import InputError, atomic
-
-Floats = NDArray[np.float64]
+from optics.interpolation import Floats, TableArrays, lookup_gradient, lookup_many
+from optics.interpolation import lookup as lookup
 
 SCHEMA = 1
 COMPONENTS = ("g", "r", "n")
@@ -33,126 +33,6 @@ _BUCKETS_PER_NODE = 4
 
 class OutsideTable(InputError):
     """A direction was asked for that the table does not hold."""
-
-
-class TableArrays(NamedTuple):
-    """Plain arrays of a table for compiled kernels; see `lookup`.
-
-    u (n_u), v (n_v): ascending nodes. bucket_u, bucket_v: node at or left of the start of each of the equal buckets.
-    coefficients (n_u, n_v, 4, 4): for q_g, q_r, q_n and absorptance the value and its ∂u, ∂v, ∂u∂v.
-    axisymmetric: v is collapsed, u is the sine of the angle of incidence. nearest: return the nearest node's value.
-    """
-
-    u: Floats
-    v: Floats
-    bucket_u: NDArray[np.int64]
-    bucket_v: NDArray[np.int64]
-    coefficients: Floats
-    axisymmetric: bool
-    nearest: bool
-
-
-@numba.njit(cache=True, inline="always")
-def _locate(nodes: Floats, buckets: NDArray[np.int64], x: float) -> int:
-    """Index i of the interval nodes[i] ≤ x ≤ nodes[i + 1]; x must lie within the nodes."""
-    span = nodes[-1] - nodes[0]
-    b = min(max(int((x - nodes[0]) / span * buckets.size), 0), buckets.size - 1)
-    i = buckets[b]
-    while i < nodes.size - 2 and x >= nodes[i + 1]:
-        i += 1
-    while i > 0 and x < nodes[i]:
-        i -= 1
-    return i
-
-
-@numba.njit(cache=True, inline="always")
-def _hermite(s: float, h: float) -> tuple[float, float, float, float]:
-    """Cubic Hermite weights of (value left, value right, slope left, slope right) at s in [0, 1] of a step h."""
-    r = 1.0 - s
-    return (1.0 + 2.0 * s) * r * r, s * s * (3.0 - 2.0 * s), h * s * r * r, -h * s * s * r
-
-
-@numba.njit(cache=True, inline="always")
-def _hermite_slope(s: float, h: float) -> tuple[float, float, float, float]:
-    """Derivatives of the `_hermite` weights by x."""
-    r = 1.0 - s
-    return -6.0 * s * r / h, 6.0 * s * r / h, r * (1.0 - 3.0 * s), s * (3.0 * s - 2.0)
-
-
-@numba.njit(cache=True, inline="always")
-def _patch(
-    c: Floats, i: int, j: int, k: int,
-    a: tuple[float, float, float, float], b: tuple[float, float, float, float],
-) -> float:
-    """Tensor Hermite sum of quantity k over the patch (i, j) with weights a along u and b along v."""
-    total = 0.0
-    for p in range(2):
-        for q in range(2):
-            f = c[i + p, j + q, k]
-            total += a[p] * (b[q] * f[0] + b[q + 2] * f[2]) + a[p + 2] * (b[q] * f[1] + b[q + 2] * f[3])
-    return total
-
-
-@numba.njit(cache=True)
-def _lookup_plain(t: TableArrays, u: float, v: float) -> tuple[float, float, float, float, bool]:
-    """(q_g, q_r, q_n, absorptance, inside) on the (u, v) grid itself, clamped to its edge when outside."""
-    uu = min(max(u, t.u[0]), t.u[-1])
-    vv = min(max(v, t.v[0]), t.v[-1])
-    inside = uu == u and vv == v
-    i = _locate(t.u, t.bucket_u, uu)
-    j = _locate(t.v, t.bucket_v, vv)
-    hu = t.u[i + 1] - t.u[i]
-    hv = t.v[j + 1] - t.v[j]
-    s = (uu - t.u[i]) / hu
-    r = (vv - t.v[j]) / hv
-    c = t.coefficients
-    if t.nearest:
-        f = c[i + (1 if s > 0.5 else 0), j + (1 if r > 0.5 else 0)]
-        return f[0, 0], f[1, 0], f[2, 0], f[3, 0], inside
-    a = _hermite(s, hu)
-    b = _hermite(r, hv)
-    q_g, q_r, q_n = _patch(c, i, j, 0, a, b), _patch(c, i, j, 1, a, b), _patch(c, i, j, 2, a, b)
-    return q_g, q_r, q_n, _patch(c, i, j, 3, a, b), inside
-
-
-@numba.njit(cache=True)
-def lookup(t: TableArrays, u: float, v: float) -> tuple[float, float, float, float, bool]:
-    """(q_g, q_r, q_n, absorptance, inside) of one direction; outside the table the edge value with inside = False."""
-    if not t.axisymmetric:
-        return _lookup_plain(t, u, v)
-    s = np.sqrt(u * u + v * v)
-    along, _, q_n, a, inside = _lookup_plain(t, s, 0.0)
-    if s == 0.0:
-        return 0.0, 0.0, q_n, a, inside
-    return along * u / s, along * v / s, q_n, a, inside
-
-
-@numba.njit(cache=True)
-def lookup_gradient(t: TableArrays, u: float, v: float, out: Floats) -> bool:
-    """Write ∂(q_g, q_r, q_n, absorptance)/∂(u, v) into out (4, 2); returns inside. Not for axisymmetric tables."""
-    uu = min(max(u, t.u[0]), t.u[-1])
-    vv = min(max(v, t.v[0]), t.v[-1])
-    i = _locate(t.u, t.bucket_u, uu)
-    j = _locate(t.v, t.bucket_v, vv)
-    hu = t.u[i + 1] - t.u[i]
-    hv = t.v[j + 1] - t.v[j]
-    s = (uu - t.u[i]) / hu
-    r = (vv - t.v[j]) / hv
-    a = _hermite(s, hu)
-    b = _hermite(r, hv)
-    da = _hermite_slope(s, hu)
-    db = _hermite_slope(r, hv)
-    for k in range(4):
-        out[k, 0] = _patch(t.coefficients, i, j, k, da, b)
-        out[k, 1] = _patch(t.coefficients, i, j, k, a, db)
-    return bool(uu == u and vv == v)
-
-
-@numba.njit(cache=True)
-def _lookup_many(t: TableArrays, u: Floats, v: Floats, out: Floats) -> None:
-    for p in range(u.size):
-        g, r, n, a, inside = lookup(t, u[p], v[p])
-        out[p, 0], out[p, 1], out[p, 2], out[p, 3], out[p, 4] = g, r, n, a, 1.0 if inside else 0.0
 
 
 @numba.njit(cache=True)
@@ -241,7 +121,7 @@ class PressureTable:
         v, f = self._full
         du, dv = slope_matrix(self.u), slope_matrix(v)
         f_u = np.einsum("ij,kjl->kil", du, f)
-        c = np.stack([f, f_u, f @ dv.T, f_u @ dv.T], axis=-1)
+        c = np.concatenate([f, f_u, f @ dv.T, f_u @ dv.T])
         return TableArrays(
             np.ascontiguousarray(self.u), np.ascontiguousarray(v), _buckets(self.u), _buckets(v),
             np.ascontiguousarray(np.moveaxis(c, 0, 2)), self.axisymmetric, nearest,
@@ -253,13 +133,12 @@ class PressureTable:
 
     def _look_up(self, u: Any, v: Any) -> tuple[Floats, tuple[int, ...]]:
         uu, vv = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
-        out = np.empty((uu.size, 5))
-        _lookup_many(self._arrays, uu.ravel(), vv.ravel(), out)
-        bad = np.flatnonzero(out[:, 4] == 0)
-        if bad.size:
-            p = bad[0]
+        out = np.empty((uu.size, 4))
+        flat_u, flat_v = np.ascontiguousarray(uu).ravel(), np.ascontiguousarray(vv).ravel()
+        count, p = lookup_many(self._arrays, flat_u, flat_v, out)
+        if count:
             raise OutsideTable(
-                f"direction u = {uu.ravel()[p]:.6g}, v = {vv.ravel()[p]:.6g} is outside table '{self.name}': "
+                f"direction u = {flat_u[p]:.6g}, v = {flat_v[p]:.6g} is outside table '{self.name}': "
                 f"allowed {self.limits}"
             )
         return out, uu.shape
