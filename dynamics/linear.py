@@ -65,7 +65,8 @@ class LinearModel:
         """Generator (..., 8, 8) in the lab at time t, when the yaw is Ωt; periodic in a turn.
 
         True incidence: the response turns with the sail, R F Rᵀ. Yaw-blind: the tilt enters the response unturned; of
-        the force's tilt derivative, the turning of the thrust with the normal, F_z (pitch, −roll), is geometry and stays.
+        the force's tilt derivative, the turning of the thrust with the normal, F_z (pitch, −roll), is geometry and
+        stays.
         """
         cosine, sine = np.cos(self.spin * t), np.sin(self.spin * t)
         turn = np.array([[cosine, -sine], [sine, cosine]])
@@ -97,7 +98,7 @@ class LinearModel:
         return np.asarray(solver.y).reshape(shape)
 
     def turn_matrix(self) -> Floats:
-        """exp(A T) (..., 8, 8) in co-rotating axes: the monodromy matrix, as a full turn of the axes is the identity."""
+        """exp(A T) (..., 8, 8) in co-rotating axes: the monodromy matrix, as the axes come back after a turn."""
         return np.asarray(expm(self.corotating() * self.period))
 
 

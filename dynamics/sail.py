@@ -11,6 +11,7 @@ r = n × g (along them), so that g × r = n:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -186,20 +187,18 @@ def load_tables(paths: Iterable[str | Path], scene: scenes.Scene) -> dict[str, P
 
 def _one_wavelength(found: dict[str, tuple[Path, PressureTable]]) -> None:
     """Refuse tables of different wavelengths: one beam lights the whole sail."""
-    known = [(path, wavelength(table)) for path, table in found.values() if wavelength(table)]
+    known = [(path, wavelength(table)) for path, table in found.values() if wavelength(table) is not None]
     for path, value in known[1:]:
-        if value != known[0][1]:
+        if not math.isclose(value, known[0][1], rel_tol=1e-9):
             raise InputError(
-                f"{path}: cell.wavelength_nm = {value:g}: must be {known[0][1]:g}, as in {known[0][0]}: "
+                f"{path}: wavelength_m = {value:g}: must be {known[0][1]:g}, as in {known[0][0]}: "
                 "one beam lights the whole sail"
             )
 
 
-def wavelength(table: PressureTable) -> float | None:
-    """Wavelength in nm a table says it was made for, None where it doesn't say."""
-    cell: Any = table.attrs.get("cell")
-    value = cell.get("wavelength_nm") if isinstance(cell, dict) else table.attrs.get("wavelength_nm")
-    return float(value) if value is not None else None
+def wavelength(table: PressureTable) -> Any:
+    """Wavelength in m that a table was made for, None where it doesn't say."""
+    return table.attrs.get("wavelength_m")
 
 
 def provenance(tables: dict[str, PressureTable]) -> dict[str, dict[str, Any]]:

@@ -76,7 +76,7 @@ def published_table(cell: str) -> PressureTable:
     q_n = _resample(data, cell, "q_n")[2]
     absorptance = np.full(q_g.shape, ABSORPTANCE[cell])
     q = np.stack([q_g, absorptance * v, q_n])
-    attrs = {"name": DESIGN[cell], "cell": {"wavelength_nm": 1064.0}, "solver": "published"}
+    attrs = {"name": DESIGN[cell], "wavelength_m": 1064e-9, "solver": "published"}
     return PressureTable(u, v, q, absorptance, np.full(q_g.shape, ERROR), mirror_v=True, attrs=attrs)
 
 
