@@ -6,6 +6,8 @@ choices that only serve to reproduce published runs are marked "published".
 
 from __future__ import annotations
 
+import argparse
+import itertools
 import math
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,7 +15,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from dynamics.materials import MATERIALS, Material
-from optics.files import InputError, Strict, read_model
+from optics.files import InputError, Strict, read_model, run_stage, write_json
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -52,7 +54,7 @@ class Sector(Strict):
 
 
 class Sail(Strict):
-    """A round flat sail of the given radius, meshed with `rings` rings; node rings start at polar angle `rotation_deg`."""
+    """A round flat sail of the given radius, meshed with `rings` rings that start at polar angle `rotation_deg`."""
 
     outline: Literal["round"] = "round"
     profile: Literal["flat"] = "flat"
@@ -64,7 +66,7 @@ class Sail(Strict):
     @model_validator(mode="after")
     def _ascending(self) -> Sail:
         starts = [sector.from_deg for sector in self.sectors]
-        if any(b <= a for a, b in zip(starts, starts[1:], strict=False)):
+        if any(b <= a for a, b in itertools.pairwise(starts)):
             raise ValueError(f"sectors: from_deg must ascend, not {starts}")
         return self
 
@@ -75,7 +77,7 @@ class Sail(Strict):
 
 
 class Beam(Strict):
-    """Gaussian beam along +z, I = I₀ exp(−2ρ²/w²); ramp: off for `delay_s`, rises for `rise_s`, on for `on_s`, falls alike."""
+    """Gaussian beam along +z, I = I₀ exp(−2ρ²/w²); off for `delay_s`, rises in `rise_s`, on for `on_s`, falls alike."""
 
     intensity_W_m2: NonNegative
     radius_m: Positive
@@ -109,7 +111,7 @@ class Flight(Strict):
     """Flexible flight. Time starts at −spin_up; light and release are at t = 0.
 
     time_step_s: null for 0.8 of the stability bound of the mesh. optics_every, heat_every: steps between updates of the
-    optical coefficients and of the temperatures. spin_up_s: null for the reference value |f|/(1801.8 max(|f|/100 Hz, 10)).
+    optical coefficients and of the temperatures. spin_up_s: null for the published |f|/(1801.8 max(|f|/100 Hz, 10)).
     Published: rk4 with thermal_rate 2/3, stiffness 'lattice' with rim_factor 2, conductance 'first_triangle',
     expansion_1_K 2.33e-6 for every material, stefan_boltzmann 5.67e-8, spin_up_gain 1.001486.
     """
@@ -128,7 +130,7 @@ class Flight(Strict):
     start_temperature_K: Positive = 300.0
     background_temperature_K: NonNegative = 0.0
     spin_up_s: Positive | None = None
-    spin_up_gain: Positive = 1.0
+    spin_up_gain: Positive | None = None
     fly_away_m: Positive = 1.25
     series_every: Annotated[int, Field(ge=1)] = 8
     snapshot_every_s: Positive = 1e-3
@@ -202,7 +204,7 @@ def _derived(scene: Scene) -> dict[str, Effect]:
     return {
         "light": Effect(on=lit, reason=f"intensity {scene.beam.intensity_W_m2:g} W/m²"),
         "spin_up": Effect(on=spins, reason=f"spin {scene.release.spin_Hz:g} Hz"),
-        "absorption": Effect(on=heated, reason="light and an absorbing material" if heated else "nothing absorbs light"),
+        "absorption": Effect(on=heated, reason="light on an absorber" if heated else "nothing absorbs light"),
         "emission": Effect(on=emits, reason="emissivity above zero" if emits else "emissivity zero everywhere"),
         "conduction": Effect(on=conducts, reason="conductivity above zero" if conducts else "no conductivity"),
         "expansion": Effect(on=expands, reason="expansion coefficient given" if expands else "expansion zero"),
@@ -224,3 +226,17 @@ def plan(scene: Scene) -> dict[str, Effect]:
             if getattr(scene.effects, name) is None:
                 result[name] = Effect(on=False, reason="no heat comes or goes: the temperature stays uniform")
     return result
+
+
+def main() -> None:
+    """Write which effects a scene calls for, each with its reason."""
+    parser = argparse.ArgumentParser(prog="python -m dynamics.scene", description=main.__doc__)
+    parser.add_argument("--scene", required=True, help="YAML file of the scene")
+    parser.add_argument("--out", required=True, help="JSON file to write")
+    arguments = parser.parse_args()
+    effects = plan(read_scene(arguments.scene))
+    write_json(arguments.out, {name: effect.model_dump() for name, effect in effects.items()})
+
+
+if __name__ == "__main__":
+    run_stage(main)
