@@ -33,7 +33,7 @@ def _imports(path: Path, package: tuple[str, ...], is_program: bool) -> Iterator
 
 
 def _files(root: Path, name: tuple[str, ...]) -> Iterator[tuple[Path, tuple[str, ...]]]:
-    """Files under `root` that importing `name` runs, each with the package it lies in: a module and its __init__.py's."""
+    """Files under `root` that importing `name` runs, each with its package: the module and the packages around it."""
     for depth in range(1, len(name) + 1):
         folder = root.joinpath(*name[:depth])
         if (folder / "__init__.py").is_file():

@@ -1,0 +1,64 @@
+"""What the figures share: a colour-blind-safe look, NAME=FILE arguments, PNG and SVG side by side."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import h5py
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from optics.files import InputError, atomic
+
+Floats = NDArray[np.float64]
+
+# Okabe & Ito's colours, told apart with every kind of colour vision.
+BLUE, ORANGE, GREEN, PURPLE, SKY, RED = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"
+COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED, "black")
+
+plt.rcParams.update({
+    "font.size": 9, "axes.titlesize": 9, "axes.grid": True, "grid.alpha": 0.3, "legend.fontsize": 8,
+    "figure.dpi": 150, "figure.constrained_layout.use": True, "svg.fonttype": "none", "svg.hashsalt": "beamrider",
+})
+
+
+def named(text: str) -> tuple[str, Path]:
+    """'NAME=FILE' as (name, path)."""
+    name, separator, path = text.partition("=")
+    if not separator or not name or not path:
+        raise argparse.ArgumentTypeError(f"'{text}': must be NAME=FILE")
+    return name, Path(path)
+
+
+def parser(description: str | None) -> argparse.ArgumentParser:
+    """An argument parser with the two files that every figure writes."""
+    result = argparse.ArgumentParser(description=description)
+    result.add_argument("--out", required=True, type=Path, help="PNG to write")
+    result.add_argument("--svg", required=True, type=Path, help="SVG to write")
+    return result
+
+
+def save(figure: Figure, png: Path, svg: Path) -> None:
+    """Write both files, atomically; the SVG carries no date, so equal figures are equal files."""
+    with atomic(png) as temporary:
+        figure.savefig(temporary, format="png", dpi=200)
+    with atomic(svg) as temporary:
+        figure.savefig(temporary, format="svg", metadata={"Date": None})
+    plt.close(figure)
+
+
+def read_series(path: Path) -> dict[str, Floats]:
+    """Datasets of a rigid flight, or of the group /series of a flexible one; InputError where there is no such file."""
+    try:
+        with h5py.File(path) as file:
+            group = file.get("series", file)
+            return {name: item[()] for name, item in group.items() if isinstance(item, h5py.Dataset)}
+    except OSError as error:
+        raise InputError(f"{path}: not a readable flight ({error})") from None

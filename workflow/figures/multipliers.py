@@ -1,0 +1,76 @@
+"""Floquet multipliers of the spinning sail: on the unit circle where it is marginally stable, one outside if not."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+from drawing import COLOURS, named, parser, plt, save
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from optics.files import run_stage
+
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+
+def _circle(axes: Axes) -> None:
+    angle = np.linspace(0, 2 * np.pi, 2001)
+    axes.plot(np.cos(angle), np.sin(angle), color="0.5", lw=0.8, zorder=1)
+    axes.set_aspect("equal")
+    axes.set_xlabel("Re λ")
+
+
+def _limits(points: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:
+    """A window around the upper half of all the multipliers, with a margin."""
+    margin = 0.12 * max(np.ptp(points.real), points.imag.max(), 0.05)
+    return (points.real.min() - margin, points.real.max() + margin), (-0.2 * margin, points.imag.max() + margin)
+
+
+def _alike(results: dict[str, dict]) -> dict[str, list[str]]:
+    """Scenes by the multipliers they share: a different release, say, changes nothing here."""
+    groups: dict[str, list[str]] = {}
+    for name, result in results.items():
+        groups.setdefault(json.dumps(np.round(result["multipliers"], 9).tolist()), []).append(name)
+    return {names[0]: names for names in groups.values()}
+
+
+def draw(results: dict[str, dict], fdtd: dict[str, dict]) -> Figure:
+    """The unit circle, and beside it the upper half near 1; filled: modal tables, open and larger: FDTD tables."""
+    figure, (whole, near) = plt.subplots(1, 2, figsize=(10.5, 4.8), width_ratios=[1, 1.25])
+    every = []
+    for i, (name, names) in enumerate(_alike(results).items()):
+        colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
+        for solver, data in (("modal", results[name]), ("FDTD", fdtd.get(name))):
+            if data is None:
+                continue
+            points = np.array(data["multipliers"]) @ [1, 1j]
+            every.append(points)
+            face = colour if solver == "modal" else "none"
+            size = 4 if solver == "modal" else 8
+            verdict = f"{data['verdict'].replace('_', ' ')}, max |λ| = {data['max_modulus']:.5f}"
+            label = f"{', '.join(names)} ({solver} tables): {verdict}"
+            for axes in (whole, near):
+                axes.plot(points.real, points.imag, marker, color=colour, mfc=face, ms=size, ls="none", label=label)
+    for axes in (whole, near):
+        _circle(axes)
+    whole.set_ylabel("Im λ")
+    limits = _limits(np.concatenate(every))
+    near.set(xlim=limits[0], ylim=limits[1], title="near 1, upper half", aspect="auto")
+    whole.set_title("multipliers λ of one turn, and the unit circle")
+    figure.legend(*near.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
+
+
+def main() -> None:
+    """Draw the multipliers of several scenes."""
+    arguments = parser(__doc__)
+    arguments.add_argument("--floquet", required=True, nargs="+", type=named, help="NAME=floquet.json of each scene")
+    arguments.add_argument("--fdtd", nargs="*", default=[], type=named, help="the same, from FDTD tables")
+    given = arguments.parse_args()
+    read = ({name: json.loads(path.read_text()) for name, path in pairs} for pairs in (given.floquet, given.fdtd))
+    save(draw(*read), given.out, given.svg)
+
+
+if __name__ == "__main__":
+    run_stage(main)
