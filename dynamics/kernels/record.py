@@ -1,0 +1,102 @@
+"""One row of numbers about the whole sail, for the series of the flight file."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from dynamics.kernels.elastic import Floats, Indices
+from dynamics.kernels.optical import Light, LightWork
+from dynamics.kernels.triangles import Triangles, total
+
+#: Columns of a row: where each quantity starts. `fit` is Σ m (x − c) X₀ᵀ (3, 3); `momentum` and `inertia` (xx, yy, zz, xy,
+#: xz, yz) are about the centre of mass; `impulse` is the time integral of the optical force since the start.
+COLUMNS = {
+    "time": 0, "position": 1, "velocity": 4, "fit": 7, "angular_momentum": 16, "inertia": 19, "temperature_max": 25,
+    "temperature_min": 26, "temperature_mean": 27, "strain_max": 28, "strain_min": 29, "energy_kinetic": 30,
+    "energy_elastic": 31, "power_incident": 32, "power_absorbed": 33, "power_radiated": 34, "force": 35, "torque": 38,
+    "impulse": 41, "outside_table": 44,
+}
+WIDTH = 45
+
+
+@numba.njit(cache=True, error_model="numpy")
+def centre(masses: Floats, values: Floats, out: Floats) -> None:
+    """Out (3,) = mass-weighted mean of values (3, n)."""
+    whole = total(masses, masses.size)
+    for c in range(3):
+        s = 0.0
+        for i in range(masses.size):
+            s += masses[i] * values[c, i]
+        out[c] = s / whole
+
+
+@numba.njit(cache=True, error_model="numpy")
+def motion(masses: Floats, rest: Floats, x: Floats, v: Floats, row: Floats) -> None:
+    """Centre of mass, its velocity, fit, angular momentum, inertia and kinetic energy into row (WIDTH,)."""
+    centre(masses, x, row[1:4])
+    centre(masses, v, row[4:7])
+    row[7:25] = 0.0
+    row[30] = 0.0
+    for i in range(masses.size):
+        m = masses[i]
+        d0, d1, d2 = x[0, i] - row[1], x[1, i] - row[2], x[2, i] - row[3]
+        w0, w1, w2 = v[0, i] - row[4], v[1, i] - row[5], v[2, i] - row[6]
+        for c in range(3):
+            r = m * rest[c, i]
+            row[7 + c] += d0 * r
+            row[10 + c] += d1 * r
+            row[13 + c] += d2 * r
+        row[16] += m * (d1 * w2 - d2 * w1)
+        row[17] += m * (d2 * w0 - d0 * w2)
+        row[18] += m * (d0 * w1 - d1 * w0)
+        row[19] += m * (d1 * d1 + d2 * d2)
+        row[20] += m * (d0 * d0 + d2 * d2)
+        row[21] += m * (d0 * d0 + d1 * d1)
+        row[22] -= m * d0 * d1
+        row[23] -= m * d0 * d2
+        row[24] -= m * d1 * d2
+        row[30] += 0.5 * m * (v[0, i] * v[0, i] + v[1, i] * v[1, i] + v[2, i] * v[2, i])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def warmth(triangles: Triangles, temperature: Floats, row: Floats) -> None:
+    """Largest, smallest and mass-weighted mean of the triangle temperatures (mean of the corners), K."""
+    row[25], row[26], row[27] = -np.inf, np.inf, 0.0
+    corners, masses = triangles.corners, triangles.masses
+    for i in range(masses.size):
+        mean = (temperature[corners[0, i]] + temperature[corners[1, i]] + temperature[corners[2, i]]) / 3.0
+        row[25] = max(row[25], mean)
+        row[26] = min(row[26], mean)
+        row[27] += masses[i] * mean
+    row[27] /= total(masses, masses.size)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def push(corners: Indices, x: Floats, force: Floats, row: Floats) -> None:
+    """Total optical force in N and its torque about the centre of mass in N m; force (3, t + 1) is that on one corner."""
+    row[35:41] = 0.0
+    for i in range(corners.shape[1]):
+        p, q, s = corners[0, i], corners[1, i], corners[2, i]
+        f0, f1, f2 = force[0, i], force[1, i], force[2, i]
+        d0 = x[0, p] + x[0, q] + x[0, s] - 3.0 * row[1]
+        d1 = x[1, p] + x[1, q] + x[1, s] - 3.0 * row[2]
+        d2 = x[2, p] + x[2, q] + x[2, s] - 3.0 * row[3]
+        row[35] += 3.0 * f0
+        row[36] += 3.0 * f1
+        row[37] += 3.0 * f2
+        row[38] += d1 * f2 - d2 * f1
+        row[39] += d2 * f0 - d0 * f2
+        row[40] += d0 * f1 - d1 * f0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def illumination(light: Light, work: LightWork, x: Floats, gain: float, row: Floats) -> None:
+    """Incident and absorbed power in W, force and torque of the light at ramp `gain`."""
+    size = light.corners.shape[1]
+    row[32] = gain * total(work.incident, size)
+    row[33] = gain * total(work.absorbed, size)
+    row[44] = work.outside[0]
+    push(light.corners, x, work.force, row)
+
+

@@ -1,0 +1,140 @@
+"""The mesh as a lattice: point masses joined by springs and heat links, and the longest stable time step.
+
+Lumping gives every node one third of its triangles. Stiffness and conductance are sums over the triangles beside an edge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.linalg import eigsh
+
+from dynamics.mesh import Floats, Integers, Mesh
+from dynamics.scene import Flight, Sail
+
+
+def per_triangle(sail: Sail, mesh: Mesh, quantity: str) -> Floats:
+    """A material property (t,) of each triangle by its name in `Material`."""
+    return np.array([float(getattr(sector.properties, quantity)) for sector in sail.sectors])[mesh.sector]
+
+
+def lump(mesh: Mesh, per_area: Floats) -> Floats:
+    """Node sums (n,): one third of `per_area` (t,) times the rest area of the adjoining triangles."""
+    share = np.repeat(per_area * mesh.areas / 3.0, 3)
+    return np.bincount(mesh.triangles.ravel(), share, minlength=len(mesh.nodes))
+
+
+def _over_edges(mesh: Mesh, contribution: Floats) -> Floats:
+    """Sums (e,) over the triangles beside each edge of `contribution` (t, 3) for the sides 01, 12, 20."""
+    return np.bincount(mesh.triangle_edges.ravel(), contribution.ravel(), minlength=len(mesh.edges))
+
+
+def _half_cotangent(mesh: Mesh) -> Floats:
+    """½ cot (t, 3) of the angle opposite each side, with its sign: (l₁² + l₂² − L²)/(8A)."""
+    squares = mesh.lengths[mesh.triangle_edges] ** 2
+    return np.asarray((squares.sum(axis=1, keepdims=True) - 2.0 * squares) / (8.0 * mesh.areas[:, None]))
+
+
+def stiffness(sail: Sail, mesh: Mesh, form: str, rim_factor: float = 1.0) -> Floats:
+    """Spring constants (e,) in N/m of the edges.
+
+    'van_gelder': E h (A/(L²(1 + ν)) + ν/(1 − ν²) · ½ cot) summed over both triangles (Van Gelder, J. Graphics Tools 3
+    (1998) 21, with the angle opposite the edge). 'lattice': E h A/L², exact for an equilateral lattice with ν = 1/3.
+    """
+    membrane = per_triangle(sail, mesh, "young_Pa") * per_triangle(sail, mesh, "thickness_m")
+    poisson = per_triangle(sail, mesh, "poisson")[:, None]
+    area_term = mesh.areas[:, None] / mesh.lengths[mesh.triangle_edges] ** 2
+    if form == "van_gelder":
+        area_term = area_term / (1.0 + poisson) + poisson / (1.0 - poisson**2) * _half_cotangent(mesh)
+    k = _over_edges(mesh, membrane[:, None] * area_term)
+    return np.asarray(np.where(mesh.rim, rim_factor, 1.0) * k)
+
+
+def conductance(sail: Sail, mesh: Mesh, form: str) -> Floats:
+    """Heat conductances (e,) in W/K of the edges.
+
+    'cotangent': κ h ½ cot over both triangles, Fourier's law for linear fields (Pinkall & Polthier, Exp. Math. 2 (1993) 15).
+    'area': κ h A/L² over both triangles. 'first_triangle' (published): the same over the first triangle only.
+    """
+    sheet = per_triangle(sail, mesh, "conductivity_W_mK") * per_triangle(sail, mesh, "thickness_m")
+    if form == "cotangent":
+        return _over_edges(mesh, sheet[:, None] * _half_cotangent(mesh))
+    if form == "area":
+        return _over_edges(mesh, sheet[:, None] * mesh.areas[:, None] / mesh.lengths[mesh.triangle_edges] ** 2)
+    first = mesh.edge_triangles[:, 0]
+    return np.asarray(sheet[first] * mesh.areas[first] / mesh.lengths**2)
+
+
+def over_adjacent(mesh: Mesh, values: Floats, how: str) -> Floats:
+    """Minimum or mean (e,) of `values` (t,) over the triangles beside each edge."""
+    first, second = mesh.edge_triangles.T
+    pair = np.stack([values[first], values[np.where(second < 0, first, second)]])
+    return np.asarray(pair.min(axis=0) if how == "min" else pair.mean(axis=0))
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Node masses (n,) kg and heat capacities (n,) J/K; spring constants, conductances, expansion and limits (e,)."""
+
+    masses: Floats
+    heat_capacities: Floats
+    stiffness: Floats
+    conductance: Floats
+    expansion: Floats
+    limit_strain: Floats
+    limit_temperature: Floats
+
+
+def lattice(sail: Sail, mesh: Mesh, flight: Flight) -> Lattice:
+    """Lumped masses, springs and heat links of a sail, in the forms the scene asks for."""
+    areal_mass = per_triangle(sail, mesh, "areal_mass")
+    expansion = over_adjacent(mesh, per_triangle(sail, mesh, "expansion_1_K"), "mean")
+    if flight.expansion_1_K is not None:
+        expansion = np.full_like(expansion, flight.expansion_1_K)
+    return Lattice(
+        masses=lump(mesh, areal_mass),
+        heat_capacities=lump(mesh, areal_mass * per_triangle(sail, mesh, "heat_capacity_J_kgK")),
+        stiffness=stiffness(sail, mesh, flight.stiffness, flight.rim_factor),
+        conductance=conductance(sail, mesh, flight.conductance),
+        expansion=expansion,
+        limit_strain=over_adjacent(mesh, per_triangle(sail, mesh, "limit_strain"), "min"),
+        limit_temperature=over_adjacent(mesh, per_triangle(sail, mesh, "failure_temperature_K"), "min"),
+    )
+
+
+def stiffness_matrix(mesh: Mesh, k: Floats) -> csr_matrix:
+    """K (3n, 3n) in N/m about the rest shape: each spring resists along its own direction only."""
+    a, b = mesh.edges.T
+    direction = (mesh.nodes[b] - mesh.nodes[a]) / mesh.lengths[:, None]
+    block = k[:, None, None] * direction[:, :, None] * direction[:, None, :]
+    rows, columns, values = [], [], []
+    for p, q, sign in ((a, a, 1.0), (b, b, 1.0), (a, b, -1.0), (b, a, -1.0)):
+        i, j = np.meshgrid(np.arange(3), np.arange(3), indexing="ij")
+        rows.append((3 * p[:, None, None] + i).ravel())
+        columns.append((3 * q[:, None, None] + j).ravel())
+        values.append((sign * block).ravel())
+    size = 3 * len(mesh.nodes)
+    return coo_matrix(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(size, size)
+    ).tocsr()
+
+
+def highest_frequency(mesh: Mesh, k: Floats, masses: Floats) -> float:
+    """ω_max in rad/s: the root of the largest eigenvalue of M⁻¹K about the rest shape, by Lanczos iteration."""
+    scale = np.repeat(1.0 / np.sqrt(masses), 3)
+    scaled = stiffness_matrix(mesh, k).multiply(scale[:, None]).multiply(scale[None, :]).tocsr()
+    start = np.random.default_rng(0).standard_normal(scale.size)
+    largest = eigsh(scaled, k=1, which="LA", v0=start, return_eigenvectors=False, tol=1e-10)
+    return float(np.sqrt(largest[0]))
+
+
+#: Δt ω_max at which each integrator turns unstable (Hairer, Lubich & Wanner, Geometric Numerical Integration, §I).
+STABILITY = {"semi_implicit_euler": 2.0, "verlet": 2.0, "rk4": 2.0 * np.sqrt(2.0)}
+
+
+def count(values: NDArray[np.integer], size: int) -> Integers:
+    """How often each of 0 … size − 1 occurs."""
+    return np.asarray(np.bincount(values.ravel(), minlength=size))

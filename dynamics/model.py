@@ -1,0 +1,216 @@
+"""From a scene and its pressure tables to the arrays that the kernels fly. An effect that is off gets no arrays."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics.kernels import elastic, optical, spin, step, thermal, triangles
+from dynamics.lattice import STABILITY, Floats, Lattice, highest_frequency, lattice, per_triangle
+from dynamics.mesh import Integers, Mesh, sail_mesh
+from dynamics.scene import Effect, Scene, plan
+from optics.files import InputError
+from optics.table import PressureTable, TableArrays
+
+Plan = dict[str, Effect]
+
+#: Share of the stability bound that is taken as time step when the scene gives none; tension stiffens a spinning sail.
+MARGIN = 0.8
+INTEGRATORS = {"semi_implicit_euler": step.SEMI_IMPLICIT_EULER, "verlet": step.VERLET, "rk4": step.RK4}
+
+
+@dataclass(frozen=True)
+class Membrane:
+    """Everything a flexible flight needs: the scene and its plan, mesh and lattice, and the kernels' model."""
+
+    scene: Scene
+    effects: Plan
+    mesh: Mesh
+    lattice: Lattice
+    model: step.Model
+
+
+def slots(groups: Integers, size: int, positions: Integers, empty: int) -> NDArray[np.uint32]:
+    """Padded lists (d, size): for each of `size` nodes the `positions` whose entry of `groups` is that node, in order."""
+    order = np.argsort(groups, kind="stable")
+    counts = np.bincount(groups, minlength=size)
+    rank = np.arange(groups.size) - np.repeat(np.cumsum(counts) - counts, counts)
+    table = np.full((int(counts.max()), size), empty, dtype=np.uint32)
+    table[rank, groups[order]] = positions[order]
+    return table
+
+
+def unsigned(values: Any) -> NDArray[np.uint32]:
+    """Contiguous unsigned indices: compiled code need not test them for a negative sign."""
+    return np.ascontiguousarray(values, dtype=np.uint32)
+
+
+def _if(on: bool, values: Any) -> Floats:
+    """The values, or nothing where an effect is off."""
+    return np.ascontiguousarray(values, dtype=float) if on else np.empty(0)
+
+
+def _springs(mesh: Mesh, lat: Lattice, effects: Plan) -> elastic.Springs:
+    m = len(mesh.edges)
+    return elastic.Springs(
+        start=unsigned(mesh.edges[:, 0]), end=unsigned(mesh.edges[:, 1]), stiffness=lat.stiffness, rest=mesh.lengths,
+        slots=slots(mesh.edges.ravel(), len(mesh.nodes), (np.arange(m)[:, None] + [0, m]).ravel(), 2 * m),
+        stretch=_if(effects["tensile_failure"].on, 1.0 + lat.limit_strain),
+        expansion=_if(effects["expansion"].on, lat.expansion),
+    )
+
+
+def _triangles(scene: Scene, mesh: Mesh) -> triangles.Triangles:
+    t = len(mesh.triangles)
+    which = np.repeat(np.arange(t), 3)
+    return triangles.Triangles(
+        corners=unsigned(mesh.triangles.T), slots=slots(mesh.triangles.ravel(), len(mesh.nodes), which, t),
+        masses=per_triangle(scene.sail, mesh, "areal_mass") * mesh.areas,
+    )
+
+
+def is_warm(effects: Plan) -> bool:
+    """Does any effect need temperatures."""
+    return any(effects[name].on for name in ("absorption", "emission", "conduction", "expansion", "thermal_failure"))
+
+
+def _heat(scene: Scene, mesh: Mesh, lat: Lattice, effects: Plan) -> thermal.Heat:
+    flight = scene.flight
+    faces = per_triangle(scene.sail, mesh, "emissivity_front") + per_triangle(scene.sail, mesh, "emissivity_back")
+    return thermal.Heat(
+        per_capacity=_if(is_warm(effects), flight.thermal_rate / lat.heat_capacities),
+        absorbs=effects["absorption"].on,
+        emission=_if(effects["emission"].on, flight.stefan_boltzmann * faces / 3.0),
+        background=flight.background_temperature_K**4,
+        conductance=_if(effects["conduction"].on, lat.conductance),
+        limit=_if(effects["thermal_failure"].on, lat.limit_temperature),
+        lowest=float(lat.limit_temperature.min()),
+        every=flight.heat_every,
+    )
+
+
+def _tables(arrays: list[TableArrays], nearest: bool) -> optical.Tables:
+    """Tables one after the other; none at all is allowed."""
+    parts = [[t.u, t.v, t.bucket_u, t.bucket_v, t.coefficients.ravel()] for t in arrays]
+    sizes = np.array([[part.size for part in table] for table in parts], dtype=np.int64).reshape(-1, 5)
+    kinds = (float, float, np.int64, np.int64, float)
+    joined = [np.concatenate([np.empty(0, kind), *(t[i] for t in parts)]) for i, kind in enumerate(kinds)]
+    starts = np.concatenate([np.zeros((1, 5), np.int64), np.cumsum(sizes, axis=0)])
+    return optical.Tables(*joined, starts, np.array([t.axisymmetric for t in arrays], dtype=bool), nearest)
+
+
+def _ranges(scene: Scene, mesh: Mesh) -> Integers:
+    """Table (−1: constant reflectance), first and end triangle of each sector (s, 3)."""
+    designs = scene.sail.designs
+    ends = np.searchsorted(mesh.sector, np.arange(len(scene.sail.sectors) + 1))
+    which = [designs.index(s.design) if s.design else -1 for s in scene.sail.sectors]
+    return np.stack([which, ends[:-1], ends[1:]], axis=1)
+
+
+def _light(scene: Scene, mesh: Mesh, tables: dict[str, PressureTable], effects: Plan) -> optical.Light:
+    on = effects["light"].on
+    sectors, nearest = scene.sail.sectors, scene.lookup == "nearest"
+    absorptance = per_triangle(scene.sail, mesh, "absorptance")
+    if scene.absorptance == "table":
+        absorptance = np.where(np.array([s.design is not None for s in sectors])[mesh.sector], -1.0, absorptance)
+    g = np.array([s.g for s in sectors])[mesh.sector]
+    return optical.Light(
+        corners=unsigned(mesh.triangles.T), cos_across=_if(on, mesh.cos_across), sin_across=_if(on, mesh.sin_across),
+        rest_g=np.ascontiguousarray(g.T), absorptance=_if(on, absorptance),
+        reflectance=_if(on, np.array([s.reflectance or 0.0 for s in sectors])[mesh.sector]),
+        tables=_tables([tables[design].arrays(nearest) for design in scene.sail.designs] if on else [], nearest),
+        ranges=_ranges(scene, mesh), intensity=scene.beam.intensity_W_m2, radius=scene.beam.radius_m,
+        delay=scene.beam.delay_s, rise=scene.beam.rise_s, on=scene.beam.on_s,
+        yaw_blind=scene.incidence == "yaw_blind", clamp=scene.outside_table == "clamp",
+    )
+
+
+def spin_up_time(scene: Scene) -> float:
+    """Length of the spin-up in s; without a given one that of Gao et al.'s flat sails, |f|/(1801.8 max(|f|/100 Hz, 10))."""
+    if scene.flight.spin_up_s is not None:
+        return scene.flight.spin_up_s
+    f = abs(scene.release.spin_Hz)
+    return f / (1801.8 * max(f / 100.0, 10.0))
+
+
+def _spin_up(scene: Scene, effects: Plan, dt: float) -> spin.SpinUp:
+    if not effects["spin_up"].on:
+        return spin.SpinUp(0.0, 0, 0.0)
+    rate, duration, gain = 2.0 * math.pi * scene.release.spin_Hz, spin_up_time(scene), scene.flight.spin_up_gain
+    return spin.SpinUp(rate, math.ceil(duration / dt), math.nan if gain is None else gain * rate / duration)
+
+
+def time_step(scene: Scene, mesh: Mesh, lat: Lattice) -> float:
+    """The scene's time step in s, or MARGIN times the bound 2/ω_max and at most 1° of turn; InputError above the bound."""
+    flight = scene.flight
+    omega = highest_frequency(mesh, lat.stiffness, lat.masses)
+    bound = STABILITY[flight.integrator] / omega
+    if flight.time_step_s is None:
+        turn = 1.0 / (360.0 * abs(scene.release.spin_Hz)) if scene.release.spin_Hz else math.inf
+        return float(f"{min(MARGIN * 2.0 / omega, turn):.4e}")
+    if flight.time_step_s >= bound:
+        raise InputError(
+            f"scene '{scene.name}': flight.time_step_s = {flight.time_step_s:g}: must be below {bound:.5g} s, the "
+            f"stability bound of {flight.integrator} on this mesh (highest frequency {omega / (2 * math.pi):.5g} Hz)"
+        )
+    return flight.time_step_s
+
+
+def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
+    """Mesh, lattice and kernel arrays of a scene, with only the effects its plan calls for."""
+    effects = plan(scene)
+    mesh = sail_mesh(scene.sail)
+    lat = lattice(scene.sail, mesh, scene.flight)
+    dt = time_step(scene, mesh, lat)
+    spin_up = _spin_up(scene, effects, dt)
+    release = max(spin_up.steps, 1)
+    model = step.Model(
+        springs=_springs(mesh, lat, effects), triangles=_triangles(scene, mesh), masses=lat.masses,
+        per_mass=1.0 / lat.masses, rest=np.ascontiguousarray(centred(mesh, lat.masses).T), lit=effects["light"].on,
+        light=_light(scene, mesh, tables, effects), warm=is_warm(effects), heat=_heat(scene, mesh, lat, effects),
+        spin_up=spin_up, integrator=INTEGRATORS[scene.flight.integrator], dt=dt, release=release,
+        end=release + math.ceil(scene.flight.duration_s / dt - 1e-9), optics_every=scene.flight.optics_every,
+        series_every=scene.flight.series_every, fly_away=scene.flight.fly_away_m,
+    )
+    return Membrane(scene, effects, mesh, lat, model)
+
+
+def centred(mesh: Mesh, masses: Floats) -> Floats:
+    """Rest nodes (n, 3) in m about the centre of mass."""
+    return np.asarray(mesh.nodes - masses @ mesh.nodes / masses.sum())
+
+
+def initial_state(membrane: Membrane) -> step.State:
+    """At rest, centred, at the start temperature."""
+    x = membrane.model.rest.copy()
+    start = np.full(x.shape[1], membrane.scene.flight.start_temperature_K)
+    return step.State(x, np.zeros_like(x), _if(membrane.model.warm, start), np.zeros(3))
+
+
+def _light_work(t: int) -> optical.LightWork:
+    """Work space for t triangles; t is 0 where there is no light."""
+    return optical.LightWork(
+        frame=np.zeros((10, t)), q=np.zeros((t, 4)), held=np.zeros((3, t)), force=np.zeros((3, t + 1)),
+        incident=np.zeros(t + 1), absorbed=np.zeros(t + 1), outside=np.zeros(2, np.int64), direction=np.zeros(2),
+        total=np.zeros(3),
+    )
+
+
+def work_space(model: step.Model) -> step.Work:
+    """Work arrays for a model; those of effects that are off, and of rk4 where it is not used, are empty."""
+    n, m, t = model.masses.size, model.springs.start.size, model.triangles.masses.size
+    stages = n if model.integrator == step.RK4 else 0
+    heat = thermal.HeatWork(
+        rate=np.zeros(n if model.warm else 0), emitting=np.zeros(t + 1 if model.heat.emission.size else 0),
+        flow=np.zeros(2 * m + 1 if model.heat.conductance.size else 0),
+    )
+    return step.Work(
+        free=model.springs.rest.copy(), pull=np.zeros((3, 2 * m + 1)), acceleration=np.zeros((3, n)),
+        sides=np.zeros((6, t)), light=_light_work(t if model.lit else 0), heat=heat, flags=np.zeros(2, np.int64),
+        gain=np.zeros(1),
+        stage=step.Stage(*np.zeros((4, 3, stages)), *np.zeros((2, stages if model.warm else 0))),
+    )
