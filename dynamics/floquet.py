@@ -78,8 +78,9 @@ def distance(a: Complexes, b: Complexes) -> float:
     return float(gaps[linear_sum_assignment(gaps)].max())
 
 
-def ordered(values: Complexes) -> Complexes:
-    """Conjugate pairs together, largest angle first."""
+def eigenvalues(matrix: Floats) -> Complexes:
+    """Eigenvalues (n,) of a real matrix (n, n): conjugate pairs together, largest angle first."""
+    values = np.linalg.eigvals(matrix).astype(complex)
     return values[np.lexsort((-values.imag, -np.abs(values), -np.abs(np.angle(values)).round(9)))]
 
 
@@ -94,8 +95,8 @@ def analyse(scene: scenes.Scene, tables: dict[str, PressureTable]) -> Stability:
     inertia = body.sail.inertia[:2, :2]
     spin = 2.0 * np.pi * scene.release.spin_Hz * body.units.time
     model = LinearModel(jacobian, np.array(thrust), inertia, spin, scene.incidence == "yaw_blind" and spin != 0.0)
-    monodromy = ordered(np.linalg.eigvals(model.monodromy()))
-    corotating = None if model.yaw_blind else ordered(np.linalg.eigvals(model.turn_matrix()))
+    monodromy = eigenvalues(model.monodromy())
+    corotating = None if model.yaw_blind else eigenvalues(model.turn_matrix())
     nominal = float(np.abs(monodromy if corotating is None else corotating).max())
     return Stability(model, monodromy, corotating, nominal, _spread(model, nominal, error_modes(scene, tables)))
 
@@ -170,8 +171,11 @@ def _spread(model: LinearModel, nominal: float, modes: list[tuple[Floats, float]
     jacobian = model.jacobian + np.einsum("sm,mij->sij", share, np.array([mode[0] for mode in modes]))
     thrust = model.thrust + share @ np.array([mode[1] for mode in modes])
     near = replace(model, jacobian=jacobian, thrust=thrust)
-    turns = near.monodromy(1e-10) if model.yaw_blind else near.turn_matrix()
-    return float(np.abs(np.abs(np.linalg.eigvals(turns)).max(axis=1) - nominal).max())
+    if model.yaw_blind:
+        growth = np.abs(np.linalg.eigvals(near.monodromy(1e-10))).max(axis=1)
+    else:
+        growth = np.exp(np.linalg.eigvals(near.corotating()).real.max(axis=1) * model.period)
+    return float(np.abs(growth - nominal).max())
 
 
 def report(scene: scenes.Scene, tables: dict[str, PressureTable], stability: Stability) -> dict[str, Any]:
@@ -180,13 +184,13 @@ def report(scene: scenes.Scene, tables: dict[str, PressureTable], stability: Sta
     units = rigid_body(scene, tables).units
     rows = np.array([units.force] * 2 + [units.torque] * 2)
     jacobian = stability.model.jacobian * rows[:, None] / np.array([units.length, units.length, 1.0, 1.0])
-    exponents = np.linalg.eigvals(stability.model.corotating()) / units.time
+    exponents = eigenvalues(stability.model.corotating()) / units.time
     routes = {"monodromy": stability.monodromy, "corotating": stability.corotating}
     return {
         "scene": scene.name, "incidence": scene.incidence, "spin_Hz": scene.release.spin_Hz,
         "multipliers": pairs(stability.multipliers) if spins else [],
         "max_modulus": stability.max_modulus if spins else None,
-        "exponents_1_s": None if spins else pairs(ordered(exponents)),
+        "exponents_1_s": None if spins else pairs(exponents),
         "tolerance": stability.tolerance, "verdict": stability.verdict,
         "resolution": RESOLUTION, "spread_from_table_errors": stability.spread,
         "routes": {key: None if values is None or not spins else pairs(values) for key, values in routes.items()},

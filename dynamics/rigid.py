@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numba
@@ -81,7 +82,7 @@ class Integrator:
     `known` is the time up to which the flight is known, `end_state` (14,) the state there.
     """
 
-    def __init__(self, body: RigidBody, scene: scenes.Scene) -> None:
+    def __init__(self, body: RigidBody, scene: scenes.Scene, start: Floats | None = None) -> None:
         self._body = body
         self._tolerance = scene.rigid.tolerance
         self._clamp = scene.outside_table == "clamp"
@@ -93,15 +94,14 @@ class Integrator:
         self._dense: Callable[[float], Floats] | None = None
         self.end_reason = ""
         self.steps = self.evaluations = self.clamped_steps = 0
-        self.known, self.end_state = 0.0, body.start(scene.release)
-        self._solver = self._start()
-        if self._reason(self.end_state, self._flag):
-            self.end_reason = self._reason(self.end_state, self._flag)
+        self.known, self.end_state = 0.0, body.start(scene.release) if start is None else start
+        self._solver: Any = None
+        self._begin()
 
     def step(self) -> None:
         """One step of the integrator, then the reasons to end."""
         if self._solver.status == "finished":
-            self._solver = self._start()
+            self._begin()
         if self.end_reason:
             return
         self._renormalise()
@@ -125,16 +125,17 @@ class Integrator:
             self._dense = self._solver.dense_output()
         return self._dense(t)
 
-    def _start(self) -> DOP853:
-        """The solver from the state known so far to the next knot."""
+    def _begin(self) -> None:
+        """A solver from the state known so far to the next knot, unless that state is a reason to end."""
+        slope = self._derivative(self.known, self.end_state)
+        if not np.all(np.isfinite(slope)):
+            self.end_reason = "non_finite"
+            return
+        self.end_reason = self._reason(self.end_state, self._flag)
         stop = next(stop for stop in self._stops if stop > self.known)
-        solver = DOP853(
+        self._solver = DOP853(
             self._derivative, self.known, self.end_state, stop, rtol=self._tolerance, atol=self._tolerance
         )
-        self._derivative(self.known, self.end_state)
-        if not np.all(np.isfinite(solver.f)):
-            self.end_reason = "non_finite"
-        return solver
 
     def _derivative(self, t: float, state: Floats) -> Floats:
         """d(state)/dt; remembers the flag, which after a step is that of its end: the last stage lies there."""
@@ -170,11 +171,14 @@ class Integrator:
         self.end_reason = self._reason(self.end_state, self._flag)
 
 
-def fly(scene: scenes.Scene, tables: dict[str, PressureTable]) -> RigidFlight:
-    """Fly a scene with the pressure table of each of its designs."""
+def fly(scene: scenes.Scene, tables: dict[str, PressureTable], start: Floats | None = None) -> RigidFlight:
+    """Fly a scene with the pressure table of each of its designs.
+
+    `start` (14,) replaces the release of the scene: position, velocity, quaternion, angular velocity and work in SI.
+    """
     watch = Stopwatch()
     body = rigid_body(scene, tables)
-    integrator = Integrator(body, scene)
+    integrator = Integrator(body, scene, None if start is None else np.asarray(start, float) / body.units.state)
     times, states = _rows(integrator, scene, body.units.time)
     si = np.array(states) * body.units.state
     quaternion = si[:, 6:10] / np.linalg.norm(si[:, 6:10], axis=1, keepdims=True)
@@ -188,12 +192,12 @@ def _rows(integrator: Integrator, scene: scenes.Scene, unit: float) -> tuple[lis
     """Times and states in normalised units at the scene's output rate, and at the end."""
     times, states = [0.0], [integrator.end_state.copy()]
     spacing = 1.0 / (scene.rigid.output_Hz * unit)
-    last = round(integrator.duration / spacing * (1.0 - 1e-12) - 0.5)
-    for k in progress(range(1, last + 1), f"rigid {scene.name}", unit="row"):
+    before_end = math.ceil(integrator.duration / spacing * (1.0 - 1e-12))
+    for k in progress(range(1, before_end), f"rigid {scene.name}", unit="row"):
         while not integrator.end_reason and integrator.known < k * spacing:
             integrator.step()
         if integrator.known < k * spacing:
-            break
+            break  # the flight has ended
         times.append(k * spacing)
         states.append(integrator.at(k * spacing))
     while not integrator.end_reason:

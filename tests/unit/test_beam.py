@@ -1,0 +1,48 @@
+"""The beam: profile, power, ramp."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from dynamics import beam
+from dynamics.scene import Beam
+
+LASER = Beam(intensity_W_m2=1e9, radius_m=0.4, delay_s=0.1, rise_s=0.02, on_s=0.5)
+
+
+def test_intensity_falls_by_e_squared_at_its_radius():
+    assert beam.intensity(LASER, 0.0, 0.0) == 1e9
+    assert beam.intensity(LASER, 0.24, -0.32) == pytest.approx(1e9 * np.exp(-2), rel=1e-14)
+
+
+def test_intensity_adds_up_to_the_power_of_the_beam():
+    x = np.linspace(-2.0, 2.0, 401)
+    total = beam.intensity(LASER, x[:, None], x).sum() * (x[1] - x[0]) ** 2
+    assert total == pytest.approx(beam.power(LASER), rel=1e-12)
+
+
+def test_ramp_is_dark_before_and_after_and_full_between():
+    t = np.array([0.0, 0.1, 0.12, 0.3, 0.62, 0.64, 1.0])
+    assert np.allclose(beam.ramp(LASER, t), [0, 0, 1, 1, 1, 0, 0], atol=1e-12)
+
+
+def test_ramp_rises_and_falls_alike_and_evenly_about_its_middle():
+    s = np.linspace(0.0, 0.02, 11)
+    rise, fall = beam.ramp(LASER, 0.1 + s), beam.ramp(LASER, 0.62 + s)
+    assert np.allclose(rise + fall, 1.0, atol=1e-12)
+    assert np.allclose(rise + rise[::-1], 1.0, atol=1e-12)
+
+
+def test_ramp_without_rise_switches():
+    laser = Beam(intensity_W_m2=1.0, radius_m=1.0, rise_s=0.0, on_s=1.0)
+    assert beam.ramp(laser, [0.0, 1e-9, 0.999, 1.001]).tolist() == [0.0, 1.0, 1.0, 0.0]
+
+
+def test_ramp_is_smooth_between_its_knots():
+    knots = beam.knots(LASER)
+    assert np.allclose(knots, [0.1, 0.12, 0.62, 0.64])
+    for a, b in pairwise(knots):
+        t = np.linspace(a, b, 2001)[1:-1]
+        second = np.diff(beam.ramp(LASER, t), 2) / (t[1] - t[0]) ** 2
+        assert np.abs(second).max() <= 0.5 * (np.pi / 0.02) ** 2 * 1.001

@@ -1,0 +1,134 @@
+"""The sail: sectors, mass, inertia, quadrature, and the tables that belong to it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dynamics import scene as scenes
+from dynamics.rigid_body import normal_units
+from dynamics.sail import load_tables, sail_shape
+from optics.files import InputError
+from tests.synthetic import smooth_tables
+
+SCENES = Path(__file__).parents[2] / "workflow" / "scenes"
+FIG6 = scenes.read_scene(SCENES / "fig6.yaml")
+NITRIDE = [{"from_deg": 0.0, "material": "nitride_te", "reflectance": 0.2}]
+
+
+def round_sail(sectors: list[dict]) -> scenes.Sail:
+    """A disc of 1 m diameter with the given sectors."""
+    return scenes.Sail.model_validate({"radius_m": 0.5, "rings": 2, "sectors": sectors})
+
+
+def lopsided(turned_deg: float = 0.0) -> scenes.Sail:
+    """A disc whose three unequal sectors differ in mass."""
+    starts = sorted((20.0 + turned_deg, 100.0 + turned_deg, 250.0 + turned_deg))
+    names = ["nitride_te", "nitride_tm", "silicon_43nm"]
+    return round_sail([
+        {"from_deg": s, "material": n, "reflectance": 0.1} for s, n in zip(starts, names, strict=True)
+    ])
+
+
+def test_published_mass_and_inertia_of_the_four_sector_sail():
+    shape = sail_shape(FIG6.sail)
+    assert shape.mass == pytest.approx(8.67079572e-4, rel=1e-9)
+    assert np.allclose(np.diag(shape.inertia), [5.467961e-5, 5.370533e-5, 1.0838495e-4], rtol=1e-7)
+    assert np.allclose(np.diag(shape.inertia) / shape.mass, [0.06306182, 0.06193818, 0.125], atol=5e-9)
+
+
+def test_published_units_of_time_and_speed():
+    units = normal_units(sail_shape(FIG6.sail), 1e9)
+    assert units.time == pytest.approx(1.6122776e-2, rel=1e-7)
+    assert units.length / units.time == pytest.approx(62.02406, rel=1e-7)
+
+
+def test_plain_disc_follows_the_textbook():
+    shape = sail_shape(round_sail(NITRIDE))
+    assert shape.mass == pytest.approx(np.pi * 0.25 * 1.08e-3, rel=1e-14)
+    assert np.allclose(shape.inertia, shape.mass * 0.25 * np.diag([0.25, 0.25, 0.5]), atol=1e-18)
+
+
+def test_moments_agree_with_quadrature_for_a_lopsided_sail():
+    shape = sail_shape(lopsided())
+    points, weights = shape.quadrature(0.4)
+    mass = weights * np.array([[s.areal_mass] for s in shape.sectors])
+    assert mass.sum() == pytest.approx(shape.mass, rel=1e-12)
+    assert np.allclose(np.einsum("sp,spi->i", mass, points), 0.0, atol=1e-16)
+    x, y = points[..., 0], points[..., 1]
+    want = [[(mass * y * y).sum(), -(mass * x * y).sum()], [-(mass * x * y).sum(), (mass * x * x).sum()]]
+    assert np.allclose(shape.inertia[:2, :2], want, atol=1e-12 * shape.inertia[2, 2])
+
+
+def test_inertia_turns_with_the_sail():
+    angle = np.radians(40.0)
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    still, turned = sail_shape(lopsided()), sail_shape(lopsided(40.0))
+    assert np.allclose(turned.centre, turn[:2, :2] @ still.centre, atol=1e-15)
+    assert np.allclose(turned.inertia, turn @ still.inertia @ turn.T, atol=1e-18)
+
+
+def test_lamina_adds_its_lateral_inertias():
+    inertia = sail_shape(lopsided()).inertia
+    assert inertia[2, 2] == pytest.approx(inertia[0, 0] + inertia[1, 1], rel=1e-14)
+    assert np.allclose(inertia[:2, 2], 0.0)
+
+
+def test_across_along_and_normal_are_right_handed():
+    along = []
+    for sector in sail_shape(FIG6.sail).sectors:
+        assert np.cross(sector.g, sector.r) == pytest.approx(1.0)
+        along.append(sector.r.tolist())
+    assert along == [[-1.0, 0.0], [0.0, -1.0], [1.0, 0.0], [0.0, 1.0]]
+
+
+@pytest.mark.parametrize("beam_radius", [0.05, 0.4, 3.0])
+def test_quadrature_integrates_the_beam_over_the_disc(beam_radius: float):
+    points, weights = sail_shape(FIG6.sail).quadrature(beam_radius)
+    total = (weights * np.exp(-2.0 * (points**2).sum(-1) / beam_radius**2)).sum()
+    want = 0.5 * np.pi * beam_radius**2 * -np.expm1(-2.0 * 0.25 / beam_radius**2)
+    assert total == pytest.approx(want, rel=1e-9)
+
+
+def test_a_sector_gives_back_no_more_than_it_gets():
+    black = {**scenes.MATERIALS["nitride_te"].model_dump(), "absorptance": 0.5}
+    with pytest.raises(InputError, match=r"sail.sectors.0.reflectance = 0.6: .* must not exceed 1"):
+        sail_shape(round_sail([{"from_deg": 0.0, "material": black, "reflectance": 0.6}]))
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> dict[str, Path]:
+    """Synthetic tables of both designs as files."""
+    for name, table in smooth_tables().items():
+        table.write(tmp_path / f"{name}.h5")
+    return {name: tmp_path / f"{name}.h5" for name in smooth_tables()}
+
+
+def test_tables_are_matched_by_name_whatever_the_order_of_files(files: dict[str, Path]):
+    tables = load_tables([files["mark1e_te"], files["mark1e_tm"]], FIG6)
+    assert list(tables) == FIG6.sail.designs == ["mark1e_tm", "mark1e_te"]
+    assert all(table.name == name for name, table in tables.items())
+
+
+def test_missing_foreign_double_and_unreadable_tables_are_refused(files: dict[str, Path], tmp_path: Path):
+    te, tm = files["mark1e_te"], files["mark1e_tm"]
+    foreign = replace(smooth_tables()["mark1e_te"], attrs={"name": "other"})
+    foreign.write(tmp_path / "other.h5")
+    for paths, message in (
+        ([te], r"scene 'fig6': sail.sectors design = 'mark1e_tm': no pressure table given"),
+        ([te, tm, te], r"mark1e_te.h5: name = 'mark1e_te': .*mark1e_te.h5 is already the table"),
+        ([te, tm, tmp_path / "other.h5"], r"other.h5: name = 'other': not a design of scene 'fig6' \(allowed: mark"),
+        ([te, tmp_path / "none.h5"], r"none.h5: no such pressure table"),
+    ):
+        with pytest.raises(InputError, match=message) as caught:
+            load_tables(paths, FIG6)
+        assert "\n" not in str(caught.value)
+
+
+def test_tables_of_another_wavelength_are_refused(files: dict[str, Path], tmp_path: Path):
+    infrared = replace(smooth_tables()["mark1e_te"], attrs={"name": "mark1e_te", "wavelength_m": 1550e-9})
+    infrared.write(tmp_path / "infrared.h5")
+    with pytest.raises(InputError, match=r"infrared.h5: wavelength_m = 1.55e-06: must be 1.064e-06, as in"):
+        load_tables([files["mark1e_tm"], tmp_path / "infrared.h5"], FIG6)
