@@ -18,12 +18,9 @@ include: "workflow/rules/figures.smk"
 rule all:
     default_target: True
     input:
-        [plan.table(design, "modal") for design in plan.cells],
-        [plan.table(design, "fdtd") for design in plan.fdtd_designs],
+        plan.all_tables,
         [f"results/scenes/{scene}/plan.json" for scene in plan.scenes],
-        [f"results/scenes/{scene}/floquet.json" for scene in plan.config.floquet],
-        [f"results/scenes/{scene}/floquet_fdtd.json" for scene in plan.fdtd_scenes],
-        [f"results/scenes/{scene}/rigid.h5" for scene in plan.config.rigid],
-        [f"results/scenes/{scene}/flight.vtkhdf" for scene in plan.config.flight],
-        figures(),
+        plan.all_floquet,
+        plan.all_flights,
+        [f"results/figures/{name}.{kind}" for name in plan.figures for kind in ("png", "svg")],
         "results/summary.csv",

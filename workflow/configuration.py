@@ -87,6 +87,43 @@ class Plan:
         """Paths of the tables that a scene flies on."""
         return [self.table(design, solver or self.config.tables) for design in self.scenes[scene].sail.designs]
 
+    def parts(self, design: str) -> list[str]:
+        """Paths of the blocks of directions that a design's FDTD table is merged from."""
+        return [f"results/tables/{design}/fdtd/part{i}.h5" for i in range(1, self.config.fdtd_parts + 1)]
+
+    @property
+    def all_tables(self) -> list[str]:
+        """Paths of every table: of each design, and again by FDTD."""
+        return [*(self.table(d, "modal") for d in self.cells), *(self.table(d, "fdtd") for d in self.fdtd_designs)]
+
+    @property
+    def all_floquet(self) -> list[str]:
+        """Paths of every stability analysis."""
+        once = [f"results/scenes/{scene}/floquet.json" for scene in self.config.floquet]
+        return once + [f"results/scenes/{scene}/floquet_fdtd.json" for scene in self.fdtd_scenes]
+
+    @property
+    def all_flights(self) -> list[str]:
+        """Paths of every rigid and flexible flight."""
+        rigid = [f"results/scenes/{scene}/rigid.h5" for scene in self.config.rigid]
+        return rigid + [f"results/scenes/{scene}/flight.vtkhdf" for scene in self.config.flight]
+
+    @property
+    def benchmarks(self) -> list[str]:
+        """Paths of the benchmark files of all of these, the parts and directions of FDTD included."""
+        parts = [path for design in self.fdtd_designs for path in self.parts(design)]
+        nodes = [f"results/tables/{design}/fdtd/nodes.json" for design in self.fdtd_designs]
+        stages = map(Path, [*self.all_tables, *nodes, *parts, *self.all_floquet, *self.all_flights])
+        return [Path("results/benchmarks", *stage.with_suffix(".tsv").parts[1:]).as_posix() for stage in stages]
+
+    @property
+    def figures(self) -> list[str]:
+        """Names of the figures, without ending."""
+        names = [f"pressure_{design}" for design in self.gratings]
+        names += [f"snapshots_{scene}" for scene in self.config.flight]
+        names += ["multipliers"] if self.config.floquet else []
+        return names + (["flights"] if self.all_flights else [])
+
 
 def _refuse(plan: Plan) -> None:
     """InputError where the parts of the configuration contradict each other."""

@@ -41,6 +41,21 @@ if not plan.fdtd:
     logger.info(f"FDTD left out, everything else runs: {why}")
 
 
+def grid(settings):
+    """Command-line arguments of a table's range and tolerance."""
+    return f"--u-max {settings.u_max} --v-max {settings.v_max} --tolerance {settings.tolerance}"
+
+
+def nodes(wildcards):
+    """File of the directions that FDTD solves, once they are known."""
+    return checkpoints.fdtd_nodes.get(design=wildcards.design).output
+
+
+def labelled(scenes, file):
+    """NAME=FILE of each scene, for a script's command line."""
+    return [f"{scene}=results/scenes/{scene}/{file}" for scene in scenes]
+
+
 wildcard_constraints:
     design=r"[A-Za-z0-9_.-]+",
     scene=r"[A-Za-z0-9_.-]+",

@@ -1,6 +1,143 @@
-def figures():
-    return []
+"""Figures, as PNG and SVG, and the table of key numbers."""
+
+
+rule pressure_figure:
+    input:
+        modal="results/tables/{design}/modal.h5",
+        fdtd=lambda wildcards: [plan.table(d, "fdtd") for d in plan.fdtd_designs if d == wildcards.design],
+        sources=sources("workflow/figures/pressure.py"),
+    output:
+        png=report(
+            "results/figures/pressure_{design}.png",
+            caption="../report/pressure.rst",
+            category="Pressure tables",
+            labels={"design": "{design}"},
+        ),
+        svg="results/figures/pressure_{design}.svg",
+    log:
+        "results/logs/figures/pressure_{design}.log",
+    benchmark:
+        "results/benchmarks/figures/pressure_{design}.tsv"
+    params:
+        fdtd=lambda wildcards, input: f"--fdtd {input.fdtd}" if input.fdtd else "",
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Figure of the tables of {wildcards.design}"
+    shell:
+        "python workflow/figures/pressure.py --modal {input.modal} {params.fdtd}"
+        " --out {output.png} --svg {output.svg} > {log} 2>&1"
+
+
+rule multipliers_figure:
+    input:
+        plan.all_floquet,
+        sources=sources("workflow/figures/multipliers.py"),
+    output:
+        png=report(
+            "results/figures/multipliers.png",
+            caption="../report/multipliers.rst",
+            category="Stability",
+            labels={"figure": "multipliers"},
+        ),
+        svg="results/figures/multipliers.svg",
+    log:
+        "results/logs/figures/multipliers.log",
+    benchmark:
+        "results/benchmarks/figures/multipliers.tsv"
+    params:
+        floquet=labelled(plan.config.floquet, "floquet.json"),
+        fdtd=labelled(plan.fdtd_scenes, "floquet_fdtd.json"),
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Figure of the multipliers"
+    shell:
+        "python workflow/figures/multipliers.py --floquet {params.floquet} --fdtd {params.fdtd}"
+        " --out {output.png} --svg {output.svg} > {log} 2>&1"
+
+
+rule flights_figure:
+    input:
+        plan.all_flights,
+        sources=sources("workflow/figures/flights.py"),
+    output:
+        png=report(
+            "results/figures/flights.png",
+            caption="../report/flights.rst",
+            category="Flight",
+            labels={"figure": "trajectory, tilt, temperature"},
+        ),
+        svg="results/figures/flights.svg",
+    log:
+        "results/logs/figures/flights.log",
+    benchmark:
+        "results/benchmarks/figures/flights.tsv"
+    params:
+        rigid=labelled(plan.config.rigid, "rigid.h5"),
+        flexible=labelled(plan.config.flight, "flight.vtkhdf"),
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Figure of the flights"
+    shell:
+        "python workflow/figures/flights.py --rigid {params.rigid} --flexible {params.flexible}"
+        " --out {output.png} --svg {output.svg} > {log} 2>&1"
+
+
+rule snapshots_figure:
+    input:
+        flight="results/scenes/{scene}/flight.vtkhdf",
+        sources=sources("workflow/figures/snapshots.py"),
+    output:
+        png=report(
+            "results/figures/snapshots_{scene}.png",
+            caption="../report/snapshots.rst",
+            category="Flight",
+            labels={"figure": "snapshots of {scene}"},
+        ),
+        svg="results/figures/snapshots_{scene}.svg",
+    log:
+        "results/logs/figures/snapshots_{scene}.log",
+    benchmark:
+        "results/benchmarks/figures/snapshots_{scene}.tsv"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Snapshots of {wildcards.scene}"
+    shell:
+        "python workflow/figures/snapshots.py --flight {input.flight} --name {wildcards.scene}"
+        " --out {output.png} --svg {output.svg} > {log} 2>&1"
+
+
 rule summary:
-    output: "results/summary.csv"
-    log: "results/logs/summary.log"
-    shell: "touch {output}"
+    input:
+        tables=plan.all_tables,
+        floquet=plan.all_floquet,
+        flights=plan.all_flights,
+        benchmarks=plan.benchmarks,
+        sources=sources("workflow/figures/summary.py"),
+    output:
+        csv=report("results/summary.csv", caption="../report/summary.rst", category="Summary", labels={"table": "CSV"}),
+        html=report("results/summary.html", caption="../report/summary.rst", category="Summary", labels={"table": "key numbers"}),
+    log:
+        "results/logs/summary.log",
+    benchmark:
+        "results/benchmarks/summary.tsv"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Table of key numbers"
+    shell:
+        "python workflow/figures/summary.py --tables {input.tables} --floquet {input.floquet} --flights {input.flights}"
+        " --benchmarks {input.benchmarks} --out {output.csv} --html {output.html} > {log} 2>&1"

@@ -1,16 +1,6 @@
 """Pressure tables: by the Fourier modal method, by FDTD in resumable blocks of directions, and by transfer matrix."""
 
 
-def grid(settings):
-    """Command-line arguments of a table's range and tolerance."""
-    return f"--u-max {settings.u_max} --v-max {settings.v_max} --tolerance {settings.tolerance}"
-
-
-def parts(design):
-    """Files of the blocks that a design's FDTD table is merged from."""
-    return [f"results/tables/{design}/fdtd/part{i}.h5" for i in range(1, plan.config.fdtd_parts + 1)]
-
-
 rule modal_table:
     input:
         cell="workflow/designs/{design}.yaml",
@@ -54,16 +44,17 @@ rule thin_film_table:
         "python -m optics.thin_film --cell {input.cell} --out {output} > {log} 2>&1"
 
 
-rule fdtd_nodes:
+# A checkpoint, so that what follows is decided by the directions it finds: the same ones again re-run no FDTD.
+checkpoint fdtd_nodes:
     input:
         cell="workflow/designs/{design}.yaml",
-        sources=sources("optics.sampling"),
+        sources=sources("optics.nodes"),
     output:
         "results/tables/{design}/fdtd/nodes.json",
     log:
-        "results/logs/tables/{design}/fdtd_nodes.log",
+        "results/logs/tables/{design}/fdtd/nodes.log",
     benchmark:
-        "results/benchmarks/tables/{design}/fdtd_nodes.tsv"
+        "results/benchmarks/tables/{design}/fdtd/nodes.tsv"
     params:
         grid=grid(plan.config.fdtd_grid),
     threads: 1
@@ -74,20 +65,20 @@ rule fdtd_nodes:
     message:
         "Directions for FDTD on {wildcards.design}"
     shell:
-        "python -m optics.sampling --cell {input.cell} --out {output} {params.grid} > {log} 2>&1"
+        "python -m optics.nodes --cell {input.cell} --out {output} {params.grid} > {log} 2>&1"
 
 
 rule fdtd_part:
     input:
         cell="workflow/designs/{design}.yaml",
-        nodes="results/tables/{design}/fdtd/nodes.json",
+        nodes=nodes,
         sources=sources("optics.fdtd"),
     output:
         "results/tables/{design}/fdtd/part{part}.h5",
     log:
-        "results/logs/tables/{design}/fdtd_part{part}.log",
+        "results/logs/tables/{design}/fdtd/part{part}.log",
     benchmark:
-        "results/benchmarks/tables/{design}/fdtd_part{part}.tsv"
+        "results/benchmarks/tables/{design}/fdtd/part{part}.tsv"
     params:
         parts=plan.config.fdtd_parts,
     threads: 1
@@ -104,16 +95,16 @@ rule fdtd_part:
 
 rule fdtd_table:
     input:
-        parts=lambda wildcards: parts(wildcards.design),
+        parts=lambda wildcards: plan.parts(wildcards.design),
         cell="workflow/designs/{design}.yaml",
-        nodes="results/tables/{design}/fdtd/nodes.json",
+        nodes=nodes,
         sources=sources("optics.fdtd"),
     output:
         "results/tables/{design}/fdtd.h5",
     log:
-        "results/logs/tables/{design}/fdtd_merge.log",
+        "results/logs/tables/{design}/fdtd.log",
     benchmark:
-        "results/benchmarks/tables/{design}/fdtd_merge.tsv"
+        "results/benchmarks/tables/{design}/fdtd.tsv"
     threads: 1
     resources:
         mem_mb=2000,
