@@ -1,0 +1,255 @@
+"""Flexible flight: the sail as masses and springs, lit, heated and spinning, from spin-up to the end of the scene.
+
+    python -m dynamics.membrane --scene workflow/scenes/s3.yaml --tables te.h5 tm.h5 --out flight.vtkhdf
+
+A flight that was killed goes on from its last checkpoint, in the folder flight.vtkhdf.partial, when the same command is
+given again, and ends with the same bits.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dynamics.attitude import rotation_from_angles
+from dynamics.flight import Frame, series, write_flight
+from dynamics.journal import Journal, leaves
+from dynamics.kernels import failure, record
+from dynamics.kernels.step import State, Work, run
+from dynamics.lattice import Floats
+from dynamics.model import Membrane, build, initial_state, work_space
+from dynamics.sail import load_tables, provenance
+from dynamics.scene import Scene, plan, read_scene
+from optics.files import Stopwatch, progress, run_stage, write_json
+from optics.table import PressureTable
+
+#: Steps a kernel call: long against a call's cost, short against a checkpoint's interval.
+CHUNK = 512
+#: Part of the fingerprint of a checkpoint: raise it when the same scene and tables give other numbers.
+SCHEMA = 1
+REASONS = {
+    failure.INTACT: "finished", failure.TENSILE: "tensile_failure", failure.THERMAL: "thermal_failure",
+    failure.LEFT_TABLE: "left_table", failure.FLY_AWAY: "fly_away", failure.NON_FINITE: "non_finite",
+}
+
+
+@dataclass(frozen=True)
+class End:
+    """Why, at which step and time in s a flight ended; where (3,) in m and what was found, if something was."""
+
+    reason: str
+    step: int
+    time: float
+    position: Floats
+    detail: str
+
+
+class Flight:
+    """A flexible flight in progress: its state, and the journal it writes."""
+
+    def __init__(self, scene: Scene, tables: dict[str, PressureTable], folder: Path) -> None:
+        self.membrane: Membrane = build(scene, tables)
+        self.model = self.membrane.model
+        self.state: State = initial_state(self.membrane)
+        self.work: Work = work_space(self.model)
+        self.step, self.fresh = 0, True
+        self._wall, self._watch, self._saved = 0.0, Stopwatch(), Stopwatch()
+        n = self.model.masses.size
+        self.journal = Journal(folder, record.WIDTH, 1 + 7 * n)
+        self._rows = np.empty((CHUNK // self.model.series_every + 3, record.WIDTH))
+        self._frame_steps = max(1, round(scene.flight.snapshot_every_s / self.model.dt))
+        sums = [SCHEMA, self.model.dt, scene.model_dump_json(), *(table.digest for table in tables.values())]
+        self._fingerprint = hashlib.sha256(repr(sums).encode()).hexdigest()
+
+    @property
+    def wall_seconds(self) -> float:
+        """Wall time in s of this flight, over all its runs."""
+        return self._wall + self._watch.seconds
+
+    def resume(self) -> bool:
+        """Go on from the checkpoint in the journal's folder, if there is one of this very flight."""
+        counters = self.journal.restore(self._fingerprint, self.state, self.work)
+        if counters is not None:
+            self.step, self.fresh, self._wall = int(counters["step"]), bool(counters["fresh"]), counters["wall"]
+        return counters is not None
+
+    def checkpoint(self) -> None:
+        """Save the state from which `resume` goes on."""
+        counters = {"step": self.step, "fresh": self.fresh, "wall": self.wall_seconds}
+        self.journal.save(self._fingerprint, counters, self.state, self.work)
+        self._saved = Stopwatch()
+
+    def fly(self) -> End:
+        """To the end, with progress on standard error and checkpoints on the way."""
+        name, every = self.membrane.scene.name, self.membrane.scene.flight.checkpoint_every_s
+        with progress((), f"flexible {name}", total=self.model.end, unit="step") as bar:
+            bar.update(self.step)
+            while self.step < self.model.end:
+                before = self.step
+                end = self.advance()
+                bar.update(self.step - before)
+                if end is not None:
+                    return end
+                if self._saved.seconds > every:
+                    self.checkpoint()
+        return self._end(failure.INTACT)
+
+    def advance(self) -> End | None:
+        """One kernel call: to the next frame, the release, or CHUNK steps on; the end, if it came."""
+        if self.step == 0 and self.fresh:
+            self._frame()
+        kept = [array.copy() for _, array in self._arrays()]
+        start, fresh = self.step, self.fresh
+        code, self.step, written = run(
+            self.model, self.state, self.work, start, self._stop(), fresh, self._rows
+        )
+        self.fresh = False
+        self.journal.add_rows(self._rows[:written])
+        if code != failure.INTACT:
+            return self._fail(code, kept, start, fresh)
+        if self.step == self.model.release:
+            release(self.membrane, self.state)
+            self.fresh = True
+        if (self.step - self.model.release) % self._frame_steps == 0 or self.step == self.model.end:
+            self._frame()
+        return None
+
+    def _arrays(self) -> Iterator[tuple[str, Any]]:
+        yield from leaves(self.state)
+        yield from leaves(self.work)
+
+    def _stop(self) -> int:
+        """The step up to which the next kernel call goes."""
+        release, since = self.model.release, self.step - self.model.release
+        frame = self.step + self._frame_steps - since % self._frame_steps
+        return min(self.step + CHUNK, frame, release if self.step < release else self.model.end)
+
+    def _frame(self) -> None:
+        temperature = self.state.temperature
+        if not self.model.warm:
+            temperature = np.full(self.model.masses.size, self.membrane.scene.flight.start_temperature_K)
+        time = (self.step - self.model.release) * self.model.dt
+        self.journal.add_frame(np.array([time]), self.state.x.T, self.state.v.T, temperature)
+
+    def _fail(self, code: int, kept: list[Any], start: int, fresh: bool) -> End:
+        """The end, with the state at which it came as last frame; for a non-finite one the last good state instead."""
+        if code == failure.NON_FINITE:
+            found = self.work.flags[1]
+            for (_, array), copy in zip(self._arrays(), kept, strict=True):
+                array[...] = copy
+            if self.step > start:
+                run(self.model, self.state, self.work, start, self.step - 1, fresh, self._rows)
+                self.step -= 1
+            self.work.flags[1] = found
+        self._frame()
+        return self._end(code)
+
+    def _end(self, code: int) -> End:
+        where, detail = self._place(code)
+        time = (self.step - self.model.release) * self.model.dt
+        return End(REASONS[code], self.step, time, where, detail)
+
+    def _place(self, code: int) -> tuple[Floats, str]:
+        """Where the reason of the end was found, and in words."""
+        x, found, mesh = self.state.x.T, int(self.work.flags[1]), self.membrane.mesh
+        if code in (failure.INTACT, failure.FLY_AWAY):
+            return self.model.masses @ x / self.model.masses.sum(), "centre of mass"
+        if code == failure.LEFT_TABLE:
+            u, v = self.work.light.direction
+            sector = int(mesh.sector[found])
+            return x[mesh.triangles[found]].mean(axis=0), f"triangle {found}, sector {sector}, u = {u:.6g}, v = {v:.6g}"
+        return x[mesh.edges[found]].mean(axis=0), f"edge {found} between nodes {mesh.edges[found].tolist()}"
+
+    def frames(self) -> Iterator[Frame]:
+        """The frames of the journal."""
+        n = self.model.masses.size
+        for numbers in self.journal.frames:
+            points, velocity, temperature = np.split(numbers[1:], [3 * n, 6 * n])
+            points = points.reshape(n, 3)
+            strain = strains(self.membrane, points, temperature)[self.membrane.mesh.triangle_edges].max(axis=1)
+            yield Frame(float(numbers[0]), points, velocity.reshape(n, 3), temperature, strain)
+
+    def columns(self) -> dict[str, tuple[Floats, str]]:
+        """Columns and units of the series."""
+        cold = None if self.model.warm else self.membrane.scene.flight.start_temperature_K
+        return series(np.asarray(self.journal.rows), cold)
+
+
+def strains(membrane: Membrane, points: Floats, temperature: Floats) -> Floats:
+    """Strain ℓ/L_T − 1 (e,) of the edges at points (n, 3) in m and temperature (n,) in K."""
+    a, b = membrane.mesh.edges.T
+    free = membrane.mesh.lengths
+    if membrane.model.springs.expansion.size:
+        mean = 0.5 * (temperature[a] + temperature[b])
+        free = free * (1.0 + membrane.lattice.expansion * (mean - 300.0))
+    return np.asarray(np.linalg.norm(points[b] - points[a], axis=1) / free - 1.0)
+
+
+def release(membrane: Membrane, state: State) -> None:
+    """Bring the spinning sail to its place at t = 0, as a rigid body and at once.
+
+    In this order: turn positions and velocities about z until the reference node is back at its azimuth (yaw 0); tilt
+    both by A_x(roll) A_y(pitch) about the origin, the spin axis with them; shift by the offset.
+    """
+    given = membrane.scene.release
+    node, masses = membrane.mesh.reference_node, membrane.lattice.masses
+    centre = state.x @ masses / masses.sum()
+    arm, rest = state.x[:, node] - centre, membrane.model.rest[:, node]
+    yaw = np.arctan2(rest[1], rest[0]) - np.arctan2(arm[1], arm[0])
+    tilt = rotation_from_angles(np.radians(given.roll_deg), np.radians(given.pitch_deg), yaw)
+    state.x[...] = tilt @ state.x + np.array([*given.offset_m, 0.0])[:, None]
+    state.v[...] = tilt @ state.v
+
+
+def attributes(flight: Flight, end: End, tables: dict[str, PressureTable]) -> dict[str, Any]:
+    """What /series says about the whole flight."""
+    model, scene = flight.model, flight.membrane.scene
+    return {
+        "end_reason": end.reason, "end_time": end.time, "end_position": end.position, "end_detail": end.detail,
+        "steps": end.step, "time_step": model.dt, "mass_kg": float(model.masses.sum()), "scene": scene.model_dump_json(),
+        "tables": json.dumps(provenance(tables)), "effects": json.dumps({name: effect.on for name, effect in flight.membrane.effects.items()}),
+        "wall_seconds": flight.wall_seconds, "outside_table": int(flight.work.light.outside[0]),
+    }
+
+
+def fly(scene: Scene, tables: dict[str, PressureTable]) -> tuple[Flight, End, dict[str, Floats]]:
+    """Fly a scene without leaving a file: the flight, its end, and the columns of its series."""
+    with tempfile.TemporaryDirectory() as folder:
+        flight = Flight(scene, tables, Path(folder))
+        end = flight.fly()
+        return flight, end, {name: np.array(values) for name, (values, _) in flight.columns().items()}
+
+
+def main() -> None:
+    """Fly the flexible sail of a scene and write its flight."""
+    parser = argparse.ArgumentParser(prog="python -m dynamics.membrane", description=main.__doc__)
+    parser.add_argument("--scene", required=True, help="YAML file of the scene")
+    parser.add_argument("--tables", nargs="*", default=[], help="pressure table of each design of the scene")
+    parser.add_argument("--out", required=True, type=Path, help="VTKHDF file to write")
+    parser.add_argument("--plan", help="JSON file for the plan of effects")
+    given = parser.parse_args()
+    scene = read_scene(given.scene)
+    tables = load_tables(given.tables, scene)
+    if given.plan:
+        write_json(given.plan, {name: effect.model_dump() for name, effect in plan(scene).items()})
+    flight = Flight(scene, tables, given.out.with_name(given.out.name + ".partial"))
+    if flight.resume():
+        print(f"{scene.name}: going on from step {flight.step}", file=sys.stderr)
+    end = flight.fly()
+    write_flight(given.out, flight.membrane.mesh, flight.frames(), flight.columns(), attributes(flight, end, tables))
+    flight.journal.remove()
+    where = "" if end.reason == "finished" else f" ({end.detail}, near {np.array2string(end.position, precision=4)} m)"
+    print(f"{scene.name}: {end.reason} at {end.time:.6g} s{where}, {end.step} steps")
+
+
+if __name__ == "__main__":
+    run_stage(main)
