@@ -20,10 +20,9 @@ from scipy.optimize import linear_sum_assignment
 
 from dynamics import scene as scenes
 from dynamics.linear import COLUMNS, ROWS, LinearModel, imbalance, linearise
-from dynamics.rigid import versions
 from dynamics.rigid_body import RigidBody, rigid_body
 from dynamics.sail import load_tables, provenance
-from optics.files import InputError, run_stage, write_json
+from optics.files import InputError, run_stage, versions, write_json
 from optics.table import PressureTable
 
 Floats = NDArray[np.float64]
@@ -200,7 +199,7 @@ def report(scene: scenes.Scene, tables: dict[str, PressureTable], stability: Sta
         },
         "jacobian_units": {"F": "N/m, N/rad", "tau": "N, N m/rad"},
         "thrust_N": float(stability.model.thrust) * units.force,
-        "tables": provenance(tables), "versions": versions(),
+        "tables": provenance(tables), "versions": versions("numpy", "scipy", "numba"),
     }
 
 

@@ -14,14 +14,11 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import h5py
-import numba
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
@@ -31,11 +28,12 @@ from dynamics.beam import knots
 from dynamics.kernels.rigid import INSIDE, LIT_FROM_BEHIND, STATE
 from dynamics.rigid_body import RigidBody, rigid_body
 from dynamics.sail import load_tables, provenance, sail_shape
-from optics.files import Stopwatch, atomic, progress, run_stage
+from optics.files import Stopwatch, atomic, progress, run_stage, versions
 from optics.table import PressureTable
 
 Floats = NDArray[np.float64]
 
+COUNTS = ("end_reason", "steps", "evaluations", "clamped_steps", "wall_seconds")
 END_REASONS = ("finished", "left_table", "fly_away", "non_finite", "step_too_small")
 
 
@@ -223,17 +221,9 @@ def write(path: str | Path, flight: RigidFlight, scene: scenes.Scene, tables: di
             file.create_dataset(name, data=values).attrs["units"] = unit
         file.attrs.update({
             "scene": scene.model_dump_json(), "tables": json.dumps(provenance(tables)),
-            "versions": json.dumps(versions()), "mass_kg": body.mass, "inertia_kg_m2": body.inertia,
+            "versions": json.dumps(versions("numpy", "scipy", "numba")), "mass_kg": body.mass, "inertia_kg_m2": body.inertia,
             **{key: getattr(flight, key) for key in COUNTS},
         })
-
-
-COUNTS = ("end_reason", "steps", "evaluations", "clamped_steps", "wall_seconds")
-
-
-def versions() -> dict[str, str]:
-    """Versions of what the numbers depend on."""
-    return {"beamrider": metadata.version("beamrider"), **{m.__name__: m.__version__ for m in (numba, np, scipy)}}
 
 
 def main() -> None:
