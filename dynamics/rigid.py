@@ -221,8 +221,8 @@ def write(path: str | Path, flight: RigidFlight, scene: scenes.Scene, tables: di
             file.create_dataset(name, data=values).attrs["units"] = unit
         file.attrs.update({
             "scene": scene.model_dump_json(), "tables": json.dumps(provenance(tables)),
-            "versions": json.dumps(versions("numpy", "scipy", "numba")), "mass_kg": body.mass, "inertia_kg_m2": body.inertia,
-            **{key: getattr(flight, key) for key in COUNTS},
+            "versions": json.dumps(versions("numpy", "scipy", "numba")),
+            "mass_kg": body.mass, "inertia_kg_m2": body.inertia, **{key: getattr(flight, key) for key in COUNTS},
         })
 
 
