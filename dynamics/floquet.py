@@ -102,11 +102,11 @@ def analyse(scene: scenes.Scene, tables: dict[str, PressureTable]) -> Stability:
 
 def _check(scene: scenes.Scene, body: RigidBody) -> None:
     if scene.beam.intensity_W_m2 == 0.0:
-        raise InputError(f"scene '{scene.name}': beam.intensity_W_m2 = 0: must be above 0 for a stability analysis")
+        raise InputError(f"{scene.name}.yaml: beam.intensity_W_m2 = 0: must be above 0 for a stability analysis")
     share = imbalance(body)
     if share > 1e-6:
         raise InputError(
-            f"scene '{scene.name}': sail.sectors: force or torque on the centred, level sail is {share:.2g} of the "
+            f"{scene.name}.yaml: sail.sectors: force or torque on the centred, level sail is {share:.2g} of the "
             "thrust; it must vanish for a stability analysis (give the sail a two-fold symmetry)"
         )
 

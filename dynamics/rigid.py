@@ -27,7 +27,7 @@ from dynamics.attitude import angles_from_rotation, rotation_from_quaternion
 from dynamics.beam import knots
 from dynamics.kernels.rigid import INSIDE, LIT_FROM_BEHIND, STATE
 from dynamics.rigid_body import RigidBody, rigid_body
-from dynamics.sail import load_tables, provenance, sail_shape
+from dynamics.sail import check_release, load_tables, provenance, sail_shape
 from optics.files import Stopwatch, atomic, progress, run_stage, versions
 from optics.table import PressureTable
 
@@ -235,6 +235,7 @@ def main() -> None:
     arguments = parser.parse_args()
     scene = scenes.read_scene(arguments.scene)
     tables = load_tables(arguments.tables, scene)
+    check_release(scene, tables)
     flight = fly(scene, tables)
     write(arguments.out, flight, scene, tables)
     print(f"{scene.name}: {flight.end_reason} at {flight.time[-1]:.6g} s, {flight.steps} steps")

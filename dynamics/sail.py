@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics import scene as scenes
+from dynamics.attitude import rotation_from_angles
 from optics.files import InputError
-from optics.table import PressureTable
+from optics.table import OutsideTable, PressureTable
 
 Floats = NDArray[np.float64]
 
@@ -178,11 +179,32 @@ def load_tables(paths: Iterable[str | Path], scene: scenes.Scene) -> dict[str, P
     missing = [design for design in scene.sail.designs if design not in found]
     if missing:
         raise InputError(
-            f"scene '{scene.name}': sail.sectors design = '{missing[0]}': no pressure table given; "
+            f"{scene.name}.yaml: sail.sectors design = '{missing[0]}': no pressure table given; "
             "add its file to --tables"
         )
     _one_wavelength(found)
     return {design: found[design][1] for design in scene.sail.designs}
+
+
+def check_release(scene: scenes.Scene, tables: dict[str, PressureTable]) -> None:
+    """Refuse a release whose tilt lies outside a table: the flight would end before it began."""
+    if scene.outside_table == "clamp":
+        return
+    release = scene.release
+    turn = rotation_from_angles(np.radians(release.roll_deg), np.radians(release.pitch_deg), 0.0)
+    for sector in scene.sail.sectors:
+        if sector.design is None:
+            continue
+        along = np.array([-sector.g[1], sector.g[0]])
+        u, v = float(turn[2, :2] @ sector.g), float(turn[2, :2] @ along)
+        try:
+            tables[sector.design].q(u, v)
+        except OutsideTable:
+            raise InputError(
+                f"{scene.name}.yaml: release.pitch_deg = {release.pitch_deg:g}, roll_deg = {release.roll_deg:g}: light "
+                f"from u = {u:.4g}, v = {v:.4g} is outside table '{sector.design}' "
+                f"(allowed {tables[sector.design].limits}); tilt less, make a wider table or set outside_table: clamp"
+            ) from None
 
 
 def _one_wavelength(found: dict[str, tuple[Path, PressureTable]]) -> None:

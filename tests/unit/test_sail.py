@@ -8,7 +8,7 @@ import pytest
 
 from dynamics import scene as scenes
 from dynamics.rigid_body import normal_units
-from dynamics.sail import load_tables, sail_shape
+from dynamics.sail import check_release, load_tables, sail_shape
 from optics.files import InputError
 from tests.synthetic import smooth_tables
 
@@ -132,3 +132,14 @@ def test_tables_of_another_wavelength_are_refused(files: dict[str, Path], tmp_pa
     infrared.write(tmp_path / "infrared.h5")
     with pytest.raises(InputError, match=r"infrared.h5: wavelength_m = 1.55e-06: must be 1.064e-06, as in"):
         load_tables([files["mark1e_tm"], tmp_path / "infrared.h5"], FIG6)
+
+
+def test_a_release_outside_the_tables_is_refused_before_the_flight():
+    def tilted(pitch_deg: float, outside: str = "stop") -> scenes.Scene:
+        release = FIG6.release.model_copy(update={"pitch_deg": pitch_deg})
+        return FIG6.model_copy(update={"release": release, "outside_table": outside})
+
+    with pytest.raises(InputError, match=r"^fig6\.yaml: release\.pitch_deg = 30, .* outside table .* \(allowed u "):
+        check_release(tilted(30.0), smooth_tables())
+    check_release(tilted(30.0, "clamp"), smooth_tables())
+    check_release(tilted(20.0), smooth_tables())
