@@ -28,7 +28,8 @@ _PLAIN = {
     "time": (1, "s"), "position": (3, "m"), "velocity": (3, "m/s"), "temperature_max": (1, "K"),
     "temperature_min": (1, "K"), "temperature_mean": (1, "K"), "strain_max": (1, "1"), "strain_min": (1, "1"),
     "energy_kinetic": (1, "J"), "energy_elastic": (1, "J"), "power_incident": (1, "W"), "power_absorbed": (1, "W"),
-    "power_radiated": (1, "W"), "force": (3, "N"), "torque": (3, "N m"), "impulse": (3, "N s"), "outside_table": (1, "1"),
+    "power_radiated": (1, "W"), "force": (3, "N"), "torque": (3, "N m"), "impulse": (3, "N s"),
+    "outside_table": (1, "1"),
 }
 
 
@@ -63,7 +64,8 @@ def spin_rate(turn: Floats, momentum: Floats, inertia: Floats) -> Floats:
 
 
 def series(rows: Floats, start_temperature: float | None = None) -> dict[str, tuple[Floats, str]]:
-    """Columns and units of /series from the rows (k, WIDTH) of the kernels; temperatures are `start_temperature` if given."""
+    """Columns and units of /series from the rows (k, WIDTH), at a constant `start_temperature` if it is given."""
+
     def column(name: str, width: int) -> Floats:
         values = rows[:, COLUMNS[name] : COLUMNS[name] + width]
         return values[:, 0] if width == 1 else values

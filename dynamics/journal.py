@@ -75,21 +75,23 @@ class Journal:
             np.savez(stream, fingerprint=np.array(fingerprint), sizes=np.array(sizes), **arrays, **counters)
 
     def restore(self, fingerprint: str, *trees: Any) -> dict[str, float] | None:
-        """Fill the trees from the checkpoint and return its counters; None, and an empty journal, if it is not of this flight."""
+        """Fill the trees from the checkpoint and return its counters; None if there is none of this flight."""
         path = self._path("checkpoint.npz")
         if not path.exists():
-            return self._clear()
+            self._clear()
+            return None
         with np.load(path) as data:
             if str(data["fingerprint"]) != fingerprint:
-                return self._clear()
+                self._clear()
+                return None
             for i, tree in enumerate(trees):
                 for name, value in leaves(tree):
                     value[...] = data[f"{i}.{name}"]
             for name, size in zip(("rows", "frames"), data["sizes"], strict=True):
                 with open(self._path(name), "ab") as stream:
                     stream.truncate(int(size))
-            return {name: data[name].item() for name in data.files if "." not in name and data[name].ndim == 0
-                    and name != "fingerprint"}
+            scalars = [name for name in data.files if "." not in name and name not in ("fingerprint", "sizes")]
+            return {name: data[name].item() for name in scalars}
 
     def _clear(self) -> None:
         for name in ("rows", "frames"):

@@ -1,6 +1,7 @@
 """The mesh as a lattice: point masses joined by springs and heat links, and the longest stable time step.
 
-Lumping gives every node one third of its triangles. Stiffness and conductance are sums over the triangles beside an edge.
+Lumping gives every node one third of its triangles. Stiffness and conductance are sums over the triangles beside an
+edge.
 """
 
 from __future__ import annotations
@@ -8,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.linalg import eigsh
 
-from dynamics.mesh import Floats, Integers, Mesh
+from dynamics.mesh import Floats, Mesh
 from dynamics.scene import Flight, Sail
 
 
@@ -24,12 +24,13 @@ def per_triangle(sail: Sail, mesh: Mesh, quantity: str) -> Floats:
 def lump(mesh: Mesh, per_area: Floats) -> Floats:
     """Node sums (n,): one third of `per_area` (t,) times the rest area of the adjoining triangles."""
     share = np.repeat(per_area * mesh.areas / 3.0, 3)
-    return np.bincount(mesh.triangles.ravel(), share, minlength=len(mesh.nodes))
+    return np.asarray(np.bincount(mesh.triangles.ravel(), share, minlength=len(mesh.nodes)), dtype=float)
 
 
 def _over_edges(mesh: Mesh, contribution: Floats) -> Floats:
     """Sums (e,) over the triangles beside each edge of `contribution` (t, 3) for the sides 01, 12, 20."""
-    return np.bincount(mesh.triangle_edges.ravel(), contribution.ravel(), minlength=len(mesh.edges))
+    sums = np.bincount(mesh.triangle_edges.ravel(), contribution.ravel(), minlength=len(mesh.edges))
+    return np.asarray(sums, dtype=float)
 
 
 def _half_cotangent(mesh: Mesh) -> Floats:
@@ -56,8 +57,8 @@ def stiffness(sail: Sail, mesh: Mesh, form: str, rim_factor: float = 1.0) -> Flo
 def conductance(sail: Sail, mesh: Mesh, form: str) -> Floats:
     """Heat conductances (e,) in W/K of the edges.
 
-    'cotangent': κ h ½ cot over both triangles, Fourier's law for linear fields (Pinkall & Polthier, Exp. Math. 2 (1993) 15).
-    'area': κ h A/L² over both triangles. 'first_triangle' (published): the same over the first triangle only.
+    'cotangent': κ h ½ cot over both triangles, Fourier's law for linear fields (Pinkall & Polthier, Exp. Math. 2 (1993)
+    15). 'area': κ h A/L² over both triangles. 'first_triangle' (published): the same over the first triangle only.
     """
     sheet = per_triangle(sail, mesh, "conductivity_W_mK") * per_triangle(sail, mesh, "thickness_m")
     if form == "cotangent":
@@ -134,7 +135,3 @@ def highest_frequency(mesh: Mesh, k: Floats, masses: Floats) -> float:
 #: Δt ω_max at which each integrator turns unstable (Hairer, Lubich & Wanner, Geometric Numerical Integration, §I).
 STABILITY = {"semi_implicit_euler": 2.0, "verlet": 2.0, "rk4": 2.0 * np.sqrt(2.0)}
 
-
-def count(values: NDArray[np.integer], size: int) -> Integers:
-    """How often each of 0 … size − 1 occurs."""
-    return np.asarray(np.bincount(values.ravel(), minlength=size))

@@ -24,6 +24,7 @@ from dynamics.attitude import rotation_from_angles
 from dynamics.flight import Frame, series, write_flight
 from dynamics.journal import Journal, leaves
 from dynamics.kernels import failure, record
+from dynamics.kernels.elastic import REFERENCE_TEMPERATURE
 from dynamics.kernels.step import State, Work, run
 from dynamics.lattice import Floats
 from dynamics.model import Membrane, build, initial_state, work_space
@@ -190,7 +191,7 @@ def strains(membrane: Membrane, points: Floats, temperature: Floats) -> Floats:
     free = membrane.mesh.lengths
     if membrane.model.springs.expansion.size:
         mean = 0.5 * (temperature[a] + temperature[b])
-        free = free * (1.0 + membrane.lattice.expansion * (mean - 300.0))
+        free = free * (1.0 + membrane.lattice.expansion * (mean - REFERENCE_TEMPERATURE))
     return np.asarray(np.linalg.norm(points[b] - points[a], axis=1) / free - 1.0)
 
 
@@ -215,8 +216,9 @@ def attributes(flight: Flight, end: End, tables: dict[str, PressureTable]) -> di
     model, scene = flight.model, flight.membrane.scene
     return {
         "end_reason": end.reason, "end_time": end.time, "end_position": end.position, "end_detail": end.detail,
-        "steps": end.step, "time_step": model.dt, "mass_kg": float(model.masses.sum()), "scene": scene.model_dump_json(),
-        "tables": json.dumps(provenance(tables)), "effects": json.dumps({name: effect.on for name, effect in flight.membrane.effects.items()}),
+        "steps": end.step, "time_step": model.dt, "mass_kg": float(model.masses.sum()),
+        "scene": scene.model_dump_json(), "tables": json.dumps(provenance(tables)),
+        "effects": json.dumps({name: effect.on for name, effect in flight.membrane.effects.items()}),
         "wall_seconds": flight.wall_seconds, "outside_table": int(flight.work.light.outside[0]),
     }
 

@@ -100,11 +100,11 @@ def _ring_start(n: int) -> int:
 
 
 def _stitch(n: int) -> Integers:
-    """Triangles (6(2n − 1), 3) between ring n − 1 and ring n, sextant by sextant.
+    r"""Triangles (6(2n − 1), 3) between ring n − 1 and ring n, sextant by sextant.
 
-    o0───o1───o2───o3      ring n: n + 1 nodes a sextant
-     \\  / \\  / \\  /
-      i0───i1───i2         ring n − 1: n nodes
+    o0──o1──o2──o3    ring n: n + 1 nodes a sextant
+      \ / \ / \ /
+      i0──i1──i2      ring n − 1: n nodes
     """
     sextant, i = np.divmod(np.arange(6 * n), n)
     inner = _ring_start(n - 1) + ((sextant * (n - 1) + i) % (6 * (n - 1)) if n > 1 else 0 * i)

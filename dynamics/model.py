@@ -35,7 +35,7 @@ class Membrane:
 
 
 def slots(groups: Integers, size: int, positions: Integers, empty: int) -> NDArray[np.uint32]:
-    """Padded lists (d, size): for each of `size` nodes the `positions` whose entry of `groups` is that node, in order."""
+    """Padded lists (d, size): for each of `size` nodes the `positions` whose entry of `groups` is that node."""
     order = np.argsort(groups, kind="stable")
     counts = np.bincount(groups, minlength=size)
     rank = np.arange(groups.size) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -98,9 +98,12 @@ def _tables(arrays: list[TableArrays], nearest: bool) -> optical.Tables:
     parts = [[t.u, t.v, t.bucket_u, t.bucket_v, t.coefficients.ravel()] for t in arrays]
     sizes = np.array([[part.size for part in table] for table in parts], dtype=np.int64).reshape(-1, 5)
     kinds = (float, float, np.int64, np.int64, float)
-    joined = [np.concatenate([np.empty(0, kind), *(t[i] for t in parts)]) for i, kind in enumerate(kinds)]
+    u, v, bucket_u, bucket_v, coefficients = (
+        np.concatenate([np.empty(0, kind), *(t[i] for t in parts)]) for i, kind in enumerate(kinds)
+    )
     starts = np.concatenate([np.zeros((1, 5), np.int64), np.cumsum(sizes, axis=0)])
-    return optical.Tables(*joined, starts, np.array([t.axisymmetric for t in arrays], dtype=bool), nearest)
+    axisymmetric = np.array([t.axisymmetric for t in arrays], dtype=bool)
+    return optical.Tables(u, v, bucket_u, bucket_v, coefficients, starts, axisymmetric, nearest)
 
 
 def _ranges(scene: Scene, mesh: Mesh) -> Integers:
@@ -130,7 +133,7 @@ def _light(scene: Scene, mesh: Mesh, tables: dict[str, PressureTable], effects: 
 
 
 def spin_up_time(scene: Scene) -> float:
-    """Length of the spin-up in s; without a given one that of Gao et al.'s flat sails, |f|/(1801.8 max(|f|/100 Hz, 10))."""
+    """Length of the spin-up in s; if not given that of Gao et al.'s flat sails, |f|/(1801.8 max(|f|/100 Hz, 10))."""
     if scene.flight.spin_up_s is not None:
         return scene.flight.spin_up_s
     f = abs(scene.release.spin_Hz)
@@ -145,7 +148,7 @@ def _spin_up(scene: Scene, effects: Plan, dt: float) -> spin.SpinUp:
 
 
 def time_step(scene: Scene, mesh: Mesh, lat: Lattice) -> float:
-    """The scene's time step in s, or MARGIN times the bound 2/ω_max and at most 1° of turn; InputError above the bound."""
+    """The scene's time step in s, or MARGIN · 2/ω_max and at most 1° of turn; InputError above the stability bound."""
     flight = scene.flight
     omega = highest_frequency(mesh, lat.stiffness, lat.masses)
     bound = STABILITY[flight.integrator] / omega

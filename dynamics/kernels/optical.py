@@ -31,8 +31,8 @@ LIGHT_SPEED = 299792458.0
 class Tables(NamedTuple):
     """Pressure tables one after the other, so that compiled code is the same for any number of them.
 
-    u, v, bucket_u, bucket_v, coefficients: as in `TableArrays`, concatenated. starts (k + 1, 5): where each table begins in
-    them. axisymmetric (k,); nearest: for all of them.
+    u, v, bucket_u, bucket_v, coefficients: as in `TableArrays`, concatenated. starts (k + 1, 5): where each table
+    begins in them. axisymmetric (k,); nearest: for all of them.
     """
 
     u: Floats
@@ -73,10 +73,10 @@ class Light(NamedTuple):
 
 
 class LightWork(NamedTuple):
-    """Work space: frame (10, t), response q (t, 4), held coefficients (3, t), and force (3, t + 1), its last column 0.
+    """Work space: frame (10, t), response q (t, 4), held coefficients (3, t), force (3, t + 1), last column 0.
 
-    incident, absorbed (t + 1,): power in W on and into each triangle at full ramp, last 0. outside: [how many directions
-    lay outside their table, first such triangle], direction: its u, v. total (3,): force in N.
+    incident, absorbed (t + 1,): power in W on and into each triangle at full ramp, last 0. outside: [how many
+    directions lay outside their table, first such triangle], direction: its u, v. total (3,): force in N.
     """
 
     frame: Floats
@@ -153,7 +153,7 @@ def _constant(light: Light, frame: Floats, q: Floats, begin: int, end: int) -> N
 
 @numba.njit(cache=True, error_model="numpy")
 def _note_outside(work: LightWork, begin: int, end: int, count: int, first: int) -> None:
-    """Add directions outside their table, and triangles lit from behind (for which it holds no answer), to the count."""
+    """Count directions outside their table, and triangles lit from behind, for which it holds no answer."""
     for i in range(begin, end):
         if not work.frame[2, i] > 0.0:
             count += 1
@@ -236,7 +236,7 @@ def refresh(light: Light, work: LightWork, x: Floats, sides: Floats) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def turn(work: LightWork, e: Floats, gain: float) -> None:
-    """One third of the held force at ramp `gain`, turned with the sides e (6, t), into work.force; its sum into total."""
+    """Write a third of the held force at ramp `gain`, turned with sides e (6, t), to work.force; its sum to total."""
     held, force = work.held, work.force
     a0, a1, a2, b0, b1, b2 = e[0], e[1], e[2], e[3], e[4], e[5]
     h0, h1, h2 = held[0], held[1], held[2]

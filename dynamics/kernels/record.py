@@ -9,7 +9,7 @@ from dynamics.kernels.elastic import Floats, Indices
 from dynamics.kernels.optical import Light, LightWork
 from dynamics.kernels.triangles import Triangles, total
 
-#: Columns of a row: where each quantity starts. `fit` is Σ m (x − c) X₀ᵀ (3, 3); `momentum` and `inertia` (xx, yy, zz, xy,
+#: Where each quantity of a row starts. `fit` is Σ m (x − c) X₀ᵀ (3, 3); `angular_momentum`, `inertia` (xx, yy, zz, xy,
 #: xz, yz) are about the centre of mass; `impulse` is the time integral of the optical force since the start.
 COLUMNS = {
     "time": 0, "position": 1, "velocity": 4, "fit": 7, "angular_momentum": 16, "inertia": 19, "temperature_max": 25,
@@ -74,7 +74,7 @@ def warmth(triangles: Triangles, temperature: Floats, row: Floats) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def push(corners: Indices, x: Floats, force: Floats, row: Floats) -> None:
-    """Total optical force in N and its torque about the centre of mass in N m; force (3, t + 1) is that on one corner."""
+    """Optical force in N and its torque about the centre of mass in N m; force (3, t + 1) is that on one corner."""
     row[35:41] = 0.0
     for i in range(corners.shape[1]):
         p, q, s = corners[0, i], corners[1, i], corners[2, i]

@@ -24,8 +24,8 @@ class SpinUp(NamedTuple):
 def angular_acceleration(spin: SpinUp, step: int, dt: float, masses: Floats, x: Floats, v: Floats) -> float:
     """Acceleration α in rad/s² for one step of the force m α ẑ × x.
 
-    With α left open it is the one after which L_z equals I_z Ω_nominal(t + Δt): rotation slows as the sail stretches, and
-    a uniform α would end below the nominal rate.
+    With α left open it is the one after which L_z equals I_z Ω_nominal(t + Δt): rotation slows as the sail stretches,
+    and a uniform α would end below the nominal rate.
     """
     if spin.acceleration == spin.acceleration:
         return spin.acceleration

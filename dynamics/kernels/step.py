@@ -28,9 +28,9 @@ SEMI_IMPLICIT_EULER, VERLET, RK4 = range(3)
 class Model(NamedTuple):
     """What flies, unchanging: see the parts.
 
-    rest (3, n): shape in m the attitude is fitted to. lit, warm: are light and heat computed. dt in s; release: the step
-    that starts at t = 0; end: the last one. optics_every: steps between updates of the held light; series_every: between
-    rows. fly_away: distance in m from the axis at which a run ends.
+    rest (3, n): shape in m the attitude is fitted to. lit, warm: are light and heat computed. dt in s; release: the
+    step that starts at t = 0; end: the last one. optics_every: steps between updates of the held light; series_every:
+    between rows. fly_away: distance in m from the axis at which a run ends.
     """
 
     springs: Springs
@@ -62,7 +62,7 @@ class State(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Work space: free lengths (e,) in m, pull (3, 2e + 1), acceleration (3, n) in m/s², sides (6, t), parts of effects.
+    """Work space: free lengths (e,) in m, pull (3, 2e + 1), acceleration (3, n), sides (6, t), and that of the effects.
 
     flags: [1 if the held light is valid, failed edge or triangle]. gain (1,): the ramp at the latest evaluation. stage:
     arrays of rk4, empty for the others.
@@ -80,7 +80,7 @@ class Work(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """Work space of rk4: positions and velocities of a stage, weighted sums of the slopes (3, n); temperatures alike."""
+    """Work space of rk4: positions and velocities of a stage, and their weighted sums (3, n); temperatures alike."""
 
     x: Floats
     v: Floats
@@ -190,7 +190,7 @@ def _half_kick(model: Model, state: State, work: Work) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def _rk4(model: Model, state: State, work: Work, k: int) -> None:
-    """Classical Runge–Kutta of order 4: add slope k = 0 … 3, then go to the next stage or, after the last, the new state.
+    """Classical Runge–Kutta of order 4: add slope k = 0 … 3, go to the next stage, after the last to the new state.
 
     The light is held over the stages in the frame of the triangles.
     """
@@ -254,7 +254,7 @@ def _advance(model: Model, state: State, work: Work, n: int, k: int) -> tuple[fl
 
 @numba.njit(cache=True, error_model="numpy")
 def step(model: Model, state: State, work: Work, n: int, fresh: bool) -> int:
-    """From step n to n + 1, or, if `fresh`, just the evaluation of a state that did not come from a step; a failure code."""
+    """From step n to n + 1, or, if `fresh`, just the evaluation of a state that came from no step; a failure code."""
     if not fresh and n < model.spin_up.steps:
         kick(model.spin_up, n, model.dt, model.masses, state.x, state.v)
     evaluations = 4 if model.integrator == RK4 and not fresh else 1

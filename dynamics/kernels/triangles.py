@@ -11,7 +11,7 @@ from dynamics.kernels.elastic import Floats, Indices
 
 
 class Triangles(NamedTuple):
-    """corners (3, t): node indices. slots (d, n): triangles that meet at each node, padded with t. masses (t,) in kg."""
+    """Node indices corners (3, t); slots (d, n): triangles that meet at each node, padded with t; masses (t,) in kg."""
 
     corners: Indices
     slots: Indices
@@ -75,7 +75,7 @@ def node_sum(slots: Indices, source: Floats, node: int) -> float:
 
 @numba.njit(cache=True, error_model="numpy")
 def total(values: Floats, size: int) -> float:
-    """Sum of the first `size` values, in four interleaved chains of fixed order (a single chain waits for each addition)."""
+    """Sum of the first `size` values, in four chains of fixed order (in one chain each addition waits for the last)."""
     s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
     whole = size - size % 4
     for i in range(0, whole, 4):
