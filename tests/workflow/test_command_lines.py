@@ -1,0 +1,87 @@
+"""Every stage ends on wrong input with exit code 2, one line that names the file, and no file left behind."""
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from optics.files import run_stage
+
+ROOT = Path(__file__).parents[2]
+CELL = (ROOT / "workflow/designs/mark1e_te.yaml").read_text(encoding="utf-8")
+SCENE = (ROOT / "workflow/scenes/fig6.yaml").read_text(encoding="utf-8")
+OPTICS = ["optics.modal", "optics.nodes", "optics.thin_film", "optics.fdtd"]
+DYNAMICS = ["dynamics.scene", "dynamics.mesh", "dynamics.floquet", "dynamics.rigid", "dynamics.membrane"]
+FLYING = ["dynamics.floquet", "dynamics.rigid", "dynamics.membrane"]
+
+
+@pytest.fixture
+def refused(monkeypatch, capsys, tmp_path):
+    """A function that runs a stage with arguments and returns the one line of its error."""
+    def run(module: str, *arguments: str) -> str:
+        before = set(tmp_path.rglob("*"))
+        monkeypatch.setattr(sys, "argv", [module, *arguments, "--out", str(tmp_path / "out")])
+        with pytest.raises(SystemExit) as caught:
+            run_stage(importlib.import_module(module).main)
+        assert caught.value.code == 2
+        assert set(tmp_path.rglob("*")) == before
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith("error: ")
+        return line.removeprefix("error: ")
+    return run
+
+
+@pytest.mark.parametrize("module", OPTICS)
+@pytest.mark.parametrize(
+    ("old", "new", "field"),
+    [
+        ("period_nm: 1600", "period_nm: -1600", "period_nm = -1600"),
+        ("period_nm: 1600", "period_nm: wide", "period_nm = \"wide\""),
+        ("period_nm: 1600", "periode_nm: 1600", "unknown key 'periode_nm'; did you mean 'period_nm'?"),
+        ("[790, 200]", "[500, 200]", "ridges_nm[1] = [500, 200] overlaps"),
+    ],
+)
+def test_a_wrong_cell(refused, tmp_path, module, old, new, field):
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(CELL.replace(old, new), encoding="utf-8")
+    assert refused(module, "--cell", str(cell)).startswith(f"{cell}: {field}")
+
+
+@pytest.mark.parametrize("module", OPTICS + DYNAMICS)
+def test_a_missing_file(refused, tmp_path, module):
+    path = tmp_path / "none.yaml"
+    assert refused(module, "--cell" if module in OPTICS else "--scene", str(path)) == f"{path}: no such file"
+
+
+@pytest.mark.parametrize("module", DYNAMICS)
+@pytest.mark.parametrize(
+    ("old", "new", "field"),
+    [
+        ("rings: 30", "rings: -3", "sail.rings = -3"), ("radius_m: 0.5", "radius_m: half", "sail.radius_m = \"half\""),
+        ("release:", "relaese:", "unknown key 'relaese'; did you mean 'release'?"),
+        ("name: fig6", "name: fig7", "name = 'fig7'"),
+    ],
+)
+def test_a_wrong_scene(refused, tmp_path, module, old, new, field):
+    scene = tmp_path / "fig6.yaml"
+    scene.write_text(SCENE.replace(old, new), encoding="utf-8")
+    assert refused(module, "--scene", str(scene)).startswith(f"{scene}: {field}")
+
+
+@pytest.mark.parametrize("module", FLYING)
+def test_missing_tables(refused, tmp_path, module):
+    scene = str(ROOT / "workflow/scenes/fig6.yaml")
+    assert "mark1e_t" in refused(module, "--scene", scene)
+    assert refused(module, "--scene", scene, "--tables", "none.h5").startswith("none.h5: no such pressure table")
+    foreign = tmp_path / "foreign.h5"
+    foreign.write_text("not HDF5")
+    assert refused(module, "--scene", scene, "--tables", str(foreign)).startswith(f"{foreign}: not a readable")
+
+
+def test_a_stage_run_as_a_program_ends_the_same_way(tmp_path):
+    command = [sys.executable, "-m", "optics.thin_film", "--cell", "none.yaml", "--out", str(tmp_path / "film.h5")]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stdout, result.stderr) == (2, "", "error: none.yaml: no such file\n")
+    assert not list(tmp_path.iterdir())
