@@ -28,6 +28,7 @@ results: setup
 test: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/mypy workflow/*.py workflow/figures/*.py
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest -m "not slow"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from drawing import parser, plt, save
@@ -18,10 +19,10 @@ ROWS = ((0, "$q_g$ (across the ridges)"), (2, "$q_n$ (along the normal)"))
 
 def _directions(table: PressureTable) -> tuple[np.ndarray, np.ndarray]:
     """u and v, evenly over the range of a table and both signs of v."""
-    return (np.linspace(-x[-1], x[-1], POINTS) for x in (table.u, table.v))
+    return np.linspace(-table.u[-1], table.u[-1], POINTS), np.linspace(-table.v[-1], table.v[-1], POINTS)
 
 
-def _map(axes: Axes, u: np.ndarray, v: np.ndarray, values: np.ndarray, label: str, **style: object) -> None:
+def _map(axes: Axes, u: np.ndarray, v: np.ndarray, values: np.ndarray, label: str, **style: Any) -> None:
     image = axes.pcolormesh(u, v, values.T, shading="gouraud", rasterized=True, **style)
     axes.grid(False)
     axes.set_aspect("equal")

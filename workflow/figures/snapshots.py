@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import h5py
 from drawing import Floats, np, parser, plt, save
@@ -53,7 +54,7 @@ def read(path: Path) -> list[Snapshot]:
         ]
 
 
-def _row(axes: np.ndarray, sails: list[Snapshot], values: list[Floats], label: str, **style: object) -> None:
+def _row(axes: np.ndarray, sails: list[Snapshot], values: list[Floats], label: str, **style: Any) -> None:
     for one, sail, value in zip(axes, sails, values, strict=True):
         x, y = (sail.points[:, :2] - sail.points[:, :2].mean(axis=0)).T * 100
         image = one.tripcolor(Triangulation(x, y, sail.triangles), value, rasterized=True, **style)
