@@ -1,4 +1,4 @@
-"""The mesh: Euler's formula, areas, orientation, sectors; its lattice: masses, stiffness, conduction, highest frequency."""
+"""The mesh: Euler's formula, areas, orientation, sectors; its lattice: masses, stiffness, conduction, frequency."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -115,7 +115,9 @@ def test_van_gelder_is_the_lattice_on_equilateral_triangles_of_poisson_ratio_one
     assert np.allclose(lattice.stiffness(sail, m, "van_gelder"), lattice.stiffness(sail, m, "lattice"), rtol=1e-13)
 
 
-@pytest.mark.parametrize(("form", "low", "high"), [("cotangent", 1.0, 1.0), ("area", 1.45, 1.5), ("first_triangle", 0.73, 0.77)])
+@pytest.mark.parametrize(("form", "low", "high"), [
+    ("cotangent", 1.0, 1.0), ("area", 1.45, 1.5), ("first_triangle", 0.73, 0.77),
+])
 def test_conduction_through_a_linear_field(form: str, low: float, high: float):
     """Σ G ΔT² = ∫ κ h |∇T|² dA for a linear field; the other forms err by 3/2 and 3/4."""
     m = meshed(30)

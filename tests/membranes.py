@@ -1,0 +1,55 @@
+"""Small flexible sails for tests: a scene with parts replaced, and flights of a few rings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dynamics.kernels.step import run
+from dynamics.membrane import Flight
+from dynamics.scene import Scene, read_scene
+
+FIG6 = read_scene(Path(__file__).parents[1] / "workflow" / "scenes" / "fig6.yaml")
+FILM = {
+    "thickness_m": 400e-9, "density_kg_m3": 2700.0, "young_Pa": 270e9, "poisson": 0.27, "strength_Pa": 6.4e9,
+    "conductivity_W_mK": 3.0, "heat_capacity_J_kgK": 800.0, "expansion_1_K": 2.3e-6, "emissivity_front": 0.1,
+    "emissivity_back": 0.1, "absorptance": 1e-5, "failure_temperature_K": 1673.15,
+}
+
+
+def altered(base: Scene, **groups: Any) -> Scene:
+    """A scene with some keys of its groups (or whole entries) replaced."""
+    data = base.model_dump()
+    for name, value in groups.items():
+        data[name] = {**data[name], **value} if isinstance(value, dict) else value
+    return Scene.model_validate(data)
+
+
+def film(**material: Any) -> list[dict[str, Any]]:
+    """One sector all round, of constant reflectance, with some of its material's properties replaced."""
+    reflectance = material.pop("reflectance", 0.5)
+    return [{"from_deg": 0.0, "material": {**FILM, **material}, "reflectance": reflectance}]
+
+
+def small(base: Scene = FIG6, rings: int = 5, **groups: Any) -> Scene:
+    """`altered` with a coarse mesh."""
+    return altered(base, sail={"rings": rings, **groups.pop("sail", {})}, **groups)
+
+
+def dark(rings: int = 5, **groups: Any) -> Scene:
+    """A small film without light, spin or heat."""
+    sail = {"sectors": film(emissivity_front=0.0, emissivity_back=0.0), **groups.pop("sail", {})}
+    beam = {"intensity_W_m2": 0.0, **groups.pop("beam", {})}
+    release = {"offset_m": [0.0, 0.0], "pitch_deg": 0.0, "roll_deg": 0.0, "spin_Hz": 0.0, **groups.pop("release", {})}
+    return small(rings=rings, sail=sail, beam=beam, release=release, **groups)
+
+
+def steps(flight: Flight, count: int, fresh: bool = True) -> np.ndarray:
+    """Rows of `count` steps from the flight's state, without its release."""
+    rows = np.empty((count // flight.model.series_every + 3, 45))
+    code, n, written = run(flight.model, flight.state, flight.work, flight.step, flight.step + count, fresh, rows)
+    assert code == 0
+    flight.step = n
+    return rows[:written]
