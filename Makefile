@@ -36,13 +36,13 @@ setup: $(READY)
 
 # The environment is made again when the files that define it change.
 $(READY): pyproject.toml constraints.txt
-	@if ! $(PYTHON) -c 'import ensurepip, meep' 2>/dev/null; then \
+	@if ! $(PYTHON) -c 'import ensurepip; from meep import Simulation' 2>/dev/null; then \
 		echo "Installing python3-venv and python3-meep from Debian (Meep solves Maxwell's equations for the FDTD stage)"; \
 		{ $(APT) update || true; for package in python3-venv python3-meep; do \
 			$(APT) install --no-install-recommends $$package || $(APT) install --no-install-recommends $$package || true; \
 		done; } >&2; fi
 	@$(PYTHON) -c 'import ensurepip' || { echo "Python with venv is needed: apt-get install python3-venv" >&2; exit 1; }
-	@$(PYTHON) -c 'import meep' 2>/dev/null >&2 || \
+	@$(PYTHON) -c 'from meep import Simulation' 2>/dev/null >&2 || \
 		echo "Meep could not be installed (apt-get install python3-meep): all but the FDTD stage works." >&2
 	@[ "$$(readlink -f $(BIN)/python)" = "$$(readlink -f $(PYTHON))" ] || rm -rf $(VENV)
 	$(PYTHON) -m venv --system-site-packages $(VENV)
