@@ -143,27 +143,34 @@ class Flight:
 
     def _fail(self, code: int, kept: list[Any], start: int, fresh: bool) -> End:
         """The end, with the state at which it came as last frame; for a non-finite one the last good state instead."""
+        node = self._broken_node()
         if code == failure.NON_FINITE:
-            found = self.work.flags[1]
             for (_, array), copy in zip(self._arrays(), kept, strict=True):
                 array[...] = copy
             if self.step > start:
                 run(self.model, self.state, self.work, start, self.step - 1, fresh, self._rows)
                 self.step -= 1
-            self.work.flags[1] = found
         self._frame()
-        return self._end(code)
+        return self._end(code, node)
 
-    def _end(self, code: int) -> End:
-        where, detail = self._place(code)
+    def _broken_node(self) -> int:
+        """The first node with a number that is not finite; the start of the edge found where there is none."""
+        values = [*self.state.x, *self.state.v, *([self.state.temperature] if self.model.warm else [])]
+        broken = np.flatnonzero(~np.isfinite(values).all(axis=0))
+        return int(broken[0]) if broken.size else int(self.membrane.mesh.edges[self.work.flags[1], 0])
+
+    def _end(self, code: int, node: int = -1) -> End:
+        where, detail = self._place(code, node)
         time = (self.step - self.model.release) * self.model.dt
         return End(REASONS[code], self.step, time, where, detail)
 
-    def _place(self, code: int) -> tuple[Floats, str]:
+    def _place(self, code: int, node: int) -> tuple[Floats, str]:
         """Where the reason of the end was found, and in words."""
         x, found, mesh = self.state.x.T, int(self.work.flags[1]), self.membrane.mesh
         if code in (failure.INTACT, failure.FLY_AWAY):
             return self.model.masses @ x / self.model.masses.sum(), "centre of mass"
+        if code == failure.NON_FINITE:
+            return x[node], f"node {node}"
         if code == failure.LEFT_TABLE:
             u, v = self.work.light.direction
             sector = int(mesh.sector[found])

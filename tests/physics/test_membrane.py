@@ -75,7 +75,7 @@ def test_integrators_converge_at_their_order(tmp_path: Path, integrator: str, or
     ([[1.0, 0.0], [0.0, 0.0]], "along x"), ([[0.0, 1.0], [1.0, 0.0]], "shear"), ([[1.0, 0.3], [0.3, -0.5]], "mixed"),
 ])
 def test_springs_of_equilateral_triangles_hold_the_energy_of_an_elastic_sheet(strain: list[list[float]], name: str):
-    """½ Eh/(1 − ν²) ((ε_x + ε_y)² − 2(1 − ν)(ε_x ε_y − ε_xy²)) an area, ν = 1/3: a ring of six equilateral triangles."""
+    """½ Eh/(1 − ν²) ((ε_x + ε_y)² − 2(1 − ν)(ε_x ε_y − ε_xy²)) an area at ν = 1/3: six equilateral triangles."""
     m = sail_mesh(dark(1, sail={"sectors": film(poisson=1 / 3)}).sail)
     scene = dark(1, sail={"sectors": film(poisson=1 / 3)})
     u = m.nodes[:, :2] @ np.array(strain)
@@ -244,7 +244,7 @@ def test_force_on_a_tilted_film_is_that_of_its_reflected_and_absorbed_light(tmp_
 
 @pytest.mark.parametrize("incidence", ["sail_frame", "yaw_blind"])
 def test_force_and_torque_are_those_of_the_rigid_sail(tmp_path: Path, incidence: str):
-    """The rigid model integrates the same tables over exact sectors; the error falls with the square of the mesh size."""
+    """The rigid model integrates the same tables over exact sectors; the error falls as the mesh size squared."""
     errors = []
     for rings in (8, 16):
         scene = altered(small(rings=rings), incidence=incidence, effects={"absorption": False, "emission": False})
