@@ -121,6 +121,7 @@ class Plan:
         """Names of the figures, without ending."""
         names = [f"pressure_{design}" for design in self.gratings]
         names += [f"snapshots_{scene}" for scene in self.config.flight]
+        names += ["fdtd"] if self.fdtd_designs else []
         names += ["multipliers"] if self.config.floquet else []
         return names + (["flights"] if self.all_flights else [])
 
@@ -131,7 +132,8 @@ def _refuse(plan: Plan) -> None:
         if design not in plan.gratings:
             raise InputError(f"{SOURCE}: fdtd_designs.{i} = {design!r}: must be a metagrating; FDTD solves no films")
     for scene in plan.scenes if plan.config.tables == "fdtd" else ():
-        for design in set(plan.scenes[scene].sail.designs) - {*plan.fdtd_designs, *plan.films}:
+        missing = [d for d in plan.scenes[scene].sail.designs if d not in (*plan.fdtd_designs, *plan.films)]
+        for design in missing:
             why = "name it in fdtd_designs" if plan.fdtd else "FDTD is off or Meep is not installed"
             raise InputError(f"{SOURCE}: tables = 'fdtd': scene '{scene}' has no FDTD table of '{design}': {why}")
 

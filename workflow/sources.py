@@ -8,7 +8,8 @@ outside the project do not count: `constraints.txt` pins those.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+import hashlib
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 
@@ -43,6 +44,11 @@ def _files(root: Path, name: tuple[str, ...]) -> Iterator[tuple[Path, tuple[str,
             return
         elif not folder.is_dir():
             return
+
+
+def digest(paths: Iterable[str | Path]) -> str:
+    """Short digest of the contents of files, in order."""
+    return hashlib.sha256(b"\0".join(Path(path).read_bytes() for path in paths)).hexdigest()[:12]
 
 
 def sources(start: str, root: str | Path = ".") -> list[str]:

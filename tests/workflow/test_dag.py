@@ -99,7 +99,8 @@ def test_all_stages_are_run_the_first_time(new):
         "fdtd_part": plan.config.fdtd_parts * len(plan.fdtd_designs), "fdtd_table": len(plan.fdtd_designs),
         "scene_plan": len(plan.scenes), "floquet": len(plan.config.floquet), "floquet_fdtd": len(plan.fdtd_scenes),
         "rigid": len(plan.config.rigid), "flight": len(plan.config.flight), "pressure_figure": len(plan.gratings),
-        "multipliers_figure": 1, "flights_figure": 1, "snapshots_figure": len(plan.config.flight), "summary": 1,
+        "fdtd_figure": 1, "multipliers_figure": 1, "flights_figure": 1, "summary": 1,
+        "snapshots_figure": len(plan.config.flight),
     }
 
 
@@ -119,7 +120,7 @@ FLIGHTS = {"flights_figure", "snapshots_figure"}
     ("name", "rules"),
     [
         ("optics/thin_film.py", {"thin_film_table", *LAST}),
-        ("optics/fdtd.py", {"fdtd_part", "fdtd_table", "floquet_fdtd", *MAPS, *LAST}),
+        ("optics/fdtd.py", {"fdtd_part", "fdtd_table", "floquet_fdtd", "fdtd_figure", *MAPS, *LAST}),
         ("dynamics/membrane.py", {"flight", *FLIGHTS, *LAST}),
         ("workflow/figures/multipliers.py", {"multipliers_figure", "all"}),
         ("workflow/designs/wide_gap_te.yaml", {"modal_table", "floquet", *MAPS, *LAST}),
@@ -132,7 +133,7 @@ def test_an_edit_runs_the_stages_that_import_the_file_and_what_follows(done, edi
 
 def test_fdtd_is_not_run_again_where_an_edit_leaves_its_directions_as_they_were(done, edit):
     edit("optics/modal.py")
-    expected = {"modal_table", "floquet", "rigid", "flight", *MAPS, *FLIGHTS, *LAST}
+    expected = {"modal_table", "floquet", "rigid", "flight", "fdtd_figure", *MAPS, *FLIGHTS, *LAST}
     before = _jobs(done)
     assert set(before) >= {*expected, "fdtd_nodes"}
     assert "thin_film_table" not in before

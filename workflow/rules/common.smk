@@ -11,7 +11,7 @@ sys.path.insert(0, workflow.basedir)
 
 from optics.files import InputError, load_yaml
 from workflow.configuration import SOURCE, read_plan
-from workflow.sources import sources
+from workflow.sources import digest, sources
 
 # Jobs run the Python that runs Snakemake, each on one core; a job imports the modules of the folder it runs in.
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"

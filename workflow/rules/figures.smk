@@ -31,6 +31,34 @@ rule pressure_figure:
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
+rule fdtd_figure:
+    input:
+        modal=[plan.table(design, "modal") for design in plan.fdtd_designs],
+        parts=[part for design in plan.fdtd_designs for part in plan.parts(design)],
+        sources=sources("workflow/figures/fdtd.py"),
+    output:
+        png=report(
+            "results/figures/fdtd.png",
+            caption="../report/fdtd.rst",
+            category="Pressure tables",
+            labels={"design": "error and cost of FDTD"},
+        ),
+        svg="results/figures/fdtd.svg",
+    log:
+        "results/logs/figures/fdtd.log",
+    benchmark:
+        "results/benchmarks/figures/fdtd.tsv"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Figure of the error and cost of FDTD"
+    shell:
+        "python workflow/figures/fdtd.py --modal {input.modal} --parts {input.parts}"
+        " --out {output.png} --svg {output.svg} > {log} 2>&1"
+
+
 rule multipliers_figure:
     input:
         plan.all_floquet,

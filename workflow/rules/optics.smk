@@ -81,6 +81,9 @@ rule fdtd_part:
         "results/benchmarks/tables/{design}/fdtd/part{part}.tsv"
     params:
         parts=plan.config.fdtd_parts,
+        grid=grid(plan.config.fdtd_grid),
+        # Rows are kept here as they come. A job that was killed goes on from them, unless cell or program have changed.
+        rows=lambda wildcards, input, output: f"{output}.{digest([input.cell, *input.sources])}",
     threads: 1
     resources:
         mem_mb=2000,
@@ -89,8 +92,9 @@ rule fdtd_part:
     message:
         "FDTD on {wildcards.design}, part {wildcards.part} of {params.parts}"
     shell:
-        "python -m optics.fdtd --cell {input.cell} --nodes {input.nodes}"
-        " --part {wildcards.part}/{params.parts} --out {output} > {log} 2>&1"
+        "python -m optics.fdtd --cell {input.cell} --nodes {input.nodes} {params.grid}"
+        " --part {wildcards.part}/{params.parts} --out {params.rows} > {log} 2>&1"
+        " && mv {params.rows} {output} && rm -f {output}.*"
 
 
 rule fdtd_table:
@@ -105,6 +109,8 @@ rule fdtd_table:
         "results/logs/tables/{design}/fdtd.log",
     benchmark:
         "results/benchmarks/tables/{design}/fdtd.tsv"
+    params:
+        grid=grid(plan.config.fdtd_grid),
     threads: 1
     resources:
         mem_mb=2000,
@@ -112,5 +118,5 @@ rule fdtd_table:
     message:
         "FDTD table of {wildcards.design}"
     shell:
-        "python -m optics.fdtd --cell {input.cell} --nodes {input.nodes}"
+        "python -m optics.fdtd --cell {input.cell} --nodes {input.nodes} {params.grid}"
         " --merge {input.parts} --out {output} > {log} 2>&1"

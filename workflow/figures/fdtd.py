@@ -1,0 +1,72 @@
+"""Error and cost of FDTD, direction by direction: deviation from the modal solution, wall time, its own estimate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+from drawing import COLOURS, Floats, np, parser, plt, save
+from matplotlib.figure import Figure
+
+from optics.files import InputError, run_stage
+from optics.table import PressureTable
+
+MARKERS = ("o", "s", "^", "D")
+COLUMNS = ("u", "v", "q_g", "q_n", "error", "seconds", "finest_per_um")
+
+
+def read_parts(paths: list[Path]) -> dict[str, Floats]:
+    """Columns of the part files of one design, joined."""
+    columns: dict[str, list[Floats]] = {name: [] for name in COLUMNS}
+    for path in paths:
+        try:
+            with h5py.File(path) as file:
+                for name in COLUMNS:
+                    columns[name].append(file[name][()])
+        except (OSError, KeyError) as error:
+            raise InputError(f"{path}: not a readable part file of FDTD ({error})") from None
+    return {name: np.concatenate(values) for name, values in columns.items()}
+
+
+def deviation(modal: PressureTable, rows: dict[str, Floats]) -> Floats:
+    """Larger deviation (n,) of q_g and q_n from the modal table."""
+    q = modal.q(rows["u"], rows["v"])
+    return np.maximum(np.abs(rows["q_g"] - q[:, 0]), np.abs(rows["q_n"] - q[:, 2]))
+
+
+def draw(designs: dict[str, tuple[Floats, dict[str, Floats]]]) -> Figure:
+    """Deviation against wall time and against the estimate; a colour a design, a marker a resolution."""
+    figure, (cost, honesty) = plt.subplots(1, 2, figsize=(9.5, 4.4), sharey=True)
+    finest = np.unique(np.concatenate([rows["finest_per_um"].round(-1) for _, rows in designs.values()]))
+    for (name, (away, rows)), colour in zip(designs.items(), COLOURS, strict=False):
+        for resolution, marker in zip(finest, MARKERS, strict=False):
+            at = rows["finest_per_um"].round(-1) == resolution
+            if at.any():
+                style = {"marker": marker, "ls": "none", "ms": 4, "mfc": "none", "color": colour}
+                cost.loglog(rows["seconds"][at], away[at], label=f"{name}, to {resolution:g} per µm", **style)
+                honesty.loglog(rows["error"][at], away[at], **style)
+    everything = [rows["error"] for _, rows in designs.values()]
+    ends = [min(e.min() for e in everything), max(e.max() for e in everything)]
+    honesty.loglog(ends, ends, color="0.5", lw=0.8, label="estimate = deviation")
+    cost.set(xlabel="wall time of the direction (s)", ylabel="|FDTD − modal|, larger of q_g and q_n")
+    honesty.set(xlabel="error estimated by FDTD itself")
+    cost.legend()
+    honesty.legend()
+    return figure
+
+
+def main() -> None:
+    """Draw the directions of several designs."""
+    arguments = parser(__doc__)
+    arguments.add_argument("--modal", required=True, nargs="+", type=Path, help="modal tables, tables/DESIGN/…")
+    arguments.add_argument("--parts", required=True, nargs="+", type=Path, help="part files, tables/DESIGN/fdtd/…")
+    given = arguments.parse_args()
+    designs = {}
+    for path in given.modal:
+        rows = read_parts([part for part in given.parts if part.parent.parent.name == path.parent.name])
+        designs[path.parent.name] = deviation(PressureTable.read(path), rows), rows
+    save(draw(designs), given.out, given.svg)
+
+
+if __name__ == "__main__":
+    run_stage(main)
