@@ -1,0 +1,179 @@
+"""Part files of the FDTD stage: rows of solved directions, kept as they come, and merged into a pressure table."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import h5py
+import numpy as np
+from scipy.interpolate import Akima1DInterpolator
+
+from optics.cells import Metagrating
+from optics.files import InputError, Strict, atomic, versions
+from optics.incidence import Floats, cutoffs
+from optics.sampling import fill
+from optics.table import PressureTable
+
+_COLUMNS = (
+    "u", "v", "q_g", "q_r", "q_n", "absorptance", "error", "energy_imbalance", "residual", "seconds", "grazing",
+    "finest_per_um",
+)
+_U_SPACING, _V_SPACING = 0.0025, 0.0075
+
+
+class Solved(Protocol):
+    """What a row needs to know of a solved direction (see `optics.fdtd.DirectionResult`)."""
+
+    @property
+    def q(self) -> Floats: ...  # noqa: D102
+    @property
+    def absorptance(self) -> float: ...  # noqa: D102
+    @property
+    def error(self) -> float: ...  # noqa: D102
+    @property
+    def energy_imbalance(self) -> float: ...  # noqa: D102
+    @property
+    def residual(self) -> float: ...  # noqa: D102
+    @property
+    def seconds(self) -> float: ...  # noqa: D102
+    @property
+    def grazing(self) -> float: ...  # noqa: D102
+    @property
+    def resolutions(self) -> tuple[float, ...]: ...  # noqa: D102
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Solved directions: values (n, 12) in the order of the columns."""
+
+    values: Floats
+
+    @classmethod
+    def empty(cls) -> Rows:
+        """No row yet."""
+        return cls(np.zeros((0, len(_COLUMNS))))
+
+    def column(self, name: str) -> Floats:
+        """One column (n,)."""
+        return np.asarray(self.values[:, _COLUMNS.index(name)])
+
+    def find(self, u: float, v: float) -> int | None:
+        """Index of the row of a direction."""
+        at = np.flatnonzero((np.abs(self.values[:, 0] - u) < 1e-12) & (np.abs(self.values[:, 1] - v) < 1e-12))
+        return int(at[0]) if at.size else None
+
+    def added(self, u: float, v: float, solved: Solved) -> Rows:
+        """With one more row."""
+        row = [
+            u, v, *solved.q, solved.absorptance, solved.error, solved.energy_imbalance, solved.residual, solved.seconds,
+            solved.grazing, solved.resolutions[-1],
+        ]
+        return Rows(np.vstack([self.values, row]))
+
+    def selected(self, directions: Floats) -> Rows:
+        """The rows of `directions` (n, 2) in that order; InputError names the first that is missing."""
+        found = [self.find(u, v) for u, v in directions]
+        for (u, v), at in zip(directions, found, strict=True):
+            if at is None:
+                raise InputError(f"direction u = {u:.6g}, v = {v:.6g} is in none of the part files")
+        return Rows(self.values[np.array(found, int)])
+
+
+def block(u: Floats, v: Floats, i: int, n: int) -> Floats:
+    """The i-th of n blocks (1 ≤ i ≤ n) of the directions u × v, (k, 2): every n-th one, so that all cost the same."""
+    directions = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+    order = np.lexsort((directions[:, 0], directions[:, 1]))  # in-plane directions, which are cheap, first
+    return directions[order][i - 1 :: n]
+
+
+def _stamp(cell: Metagrating, settings: Strict) -> dict[str, str]:
+    """What rows must have in common to be kept or merged."""
+    return {
+        "cell": json.dumps(cell.model_dump(), sort_keys=True),
+        "settings": json.dumps(settings.model_dump(mode="json"), sort_keys=True),
+    }
+
+
+def write_rows(path: Path, cell: Metagrating, settings: Strict, rows: Rows) -> None:
+    """Write a part file, atomically: a killed stage leaves the rows it had."""
+    with atomic(path) as temporary, h5py.File(temporary, "w") as file:
+        for name in _COLUMNS:
+            file[name] = rows.column(name)
+        file.attrs.update(_stamp(cell, settings))
+
+
+def read_rows(path: Path, cell: Metagrating, settings: Strict) -> Rows:
+    """The rows of a part file; InputError where it is none, or is of another cell or other settings."""
+    try:
+        with h5py.File(path, "r") as file:
+            columns = [np.asarray(file[name], float) for name in _COLUMNS]
+            stamp = {name: str(file.attrs.get(name)) for name in ("cell", "settings")}
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such part file; make it with python -m optics.fdtd --part") from None
+    except (OSError, KeyError) as error:
+        raise InputError(f"{path}: not a readable part file ({type(error).__name__})") from None
+    for name, text in _stamp(cell, settings).items():
+        if stamp[name] != text:
+            raise InputError(f"{path}: holds rows of other '{name}' than asked for; remove it or choose another --out")
+    return Rows(np.stack(columns, axis=-1))
+
+
+def _interpolation_error(u_nodes: Floats, q: Floats, u: Floats) -> Floats:
+    """Difference (n_u, n_v) of two interpolants along u, a cubic spline and Akima's: how much the nodes leave open."""
+    spline = fill(u_nodes, np.zeros(1), q.reshape(u_nodes.size, 1, -1), u, np.zeros(1))[:, 0]
+    akima = Akima1DInterpolator(u_nodes, q.reshape(u_nodes.size, -1))(u)
+    return np.asarray(np.abs(spline - akima).reshape(u.size, *q.shape[1:]).max(axis=-1))
+
+
+def _dense(nodes: Floats, spacing: float) -> Floats:
+    count = max(nodes.size, 1 + int(np.ceil((nodes[-1] - nodes[0]) / spacing)))
+    return np.linspace(nodes[0], nodes[-1], count)
+
+
+def merge(
+    cell: Metagrating, settings: Strict, u_nodes: Floats, v_nodes: Floats, parts: Sequence[Path]
+) -> PressureTable:
+    """The pressure table from part files that together hold all of u_nodes × v_nodes.
+
+    Its error is that of the nodes (the largest of those around) plus an estimate of the interpolation's.
+    """
+    everything = Rows(np.concatenate([read_rows(part, cell, settings).values for part in parts]))
+    directions = np.stack(np.meshgrid(u_nodes, v_nodes, indexing="ij"), axis=-1).reshape(-1, 2)
+    rows = everything.selected(directions)
+    shape = (u_nodes.size, v_nodes.size)
+    node_values = np.stack([rows.column(name).reshape(shape) for name in ("q_g", "q_n", "absorptance")], axis=-1)
+    u, v = _dense(u_nodes, _U_SPACING), _dense(v_nodes, _V_SPACING)
+    q_g, q_n, absorptance = np.moveaxis(fill(u_nodes, v_nodes, node_values, u, v), -1, 0)
+    between = _interpolation_error(u_nodes, node_values[..., :2], u)
+    error = _nearby(u_nodes, v_nodes, rows.column("error").reshape(shape), u, v) + _along_v(v_nodes, between, v)
+    q = np.stack([q_g, v * absorptance, q_n])
+    attrs = _attrs(cell, settings, rows, u_nodes, v_nodes)
+    return PressureTable(u, v, q, absorptance, error, mirror_v=True, attrs=attrs)
+
+
+def _along_v(v_nodes: Floats, values: Floats, v: Floats) -> Floats:
+    """Values (n_u, n_nodes) carried to v (n_v): the larger of the two neighbouring nodes'."""
+    right = np.clip(np.searchsorted(v_nodes, v), 1, v_nodes.size - 1)
+    return np.asarray(np.maximum(values[:, right - 1], values[:, right]))
+
+
+def _nearby(u_nodes: Floats, v_nodes: Floats, error: Floats, u: Floats, v: Floats) -> Floats:
+    """Largest error (n_u, n_v) of the four nodes around each point."""
+    return _along_v(v_nodes, _along_v(u_nodes, error.T, u).T, v)
+
+
+def _attrs(cell: Metagrating, settings: Strict, rows: Rows, u_nodes: Floats, v_nodes: Floats) -> dict[str, Any]:
+    finest, counts = np.unique(rows.column("finest_per_um"), return_counts=True)
+    return {
+        "name": cell.name, "solver": "fdtd", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
+        "settings": settings.model_dump(mode="json"), "nodes_u": u_nodes.tolist(), "nodes_v": v_nodes.tolist(),
+        "directions_by_pixels_per_um": {f"{key:g}": int(n) for key, n in zip(finest, counts, strict=True)},
+        "cutoffs": cutoffs(cell.pitch, float(np.abs(u_nodes).max())),
+        "energy_imbalance": float(np.abs(rows.column("energy_imbalance")).max()),
+        "residual": float(rows.column("residual").max()), "grazing": float(rows.column("grazing").min()),
+        "wall_seconds": float(rows.column("seconds").sum()), "versions": versions("numpy", "scipy", "h5py"),
+    }

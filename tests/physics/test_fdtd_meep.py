@@ -1,0 +1,142 @@
+"""FDTD against closed forms, the modal solver, symmetry and conservation. Meep runs in a process of its own."""
+
+import importlib.util
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+import pytest
+
+from optics import fdtd_run, modal, thin_film
+from optics.cells import Index, Layer, Metagrating, ThinFilm
+from optics.fdtd import solve_direction, solve_part
+from optics.fdtd_grid import FdtdSettings, layout
+from optics.fdtd_parts import read_rows
+from optics.incidence import electric_vector
+
+pytestmark = [
+    pytest.mark.meep,
+    pytest.mark.skipif(importlib.util.find_spec("meep") is None, reason="Meep is not installed"),
+]
+COARSE = FdtdSettings(resolutions_per_um=[10.0, 20.0])
+PAIR = FdtdSettings(resolutions_per_um=[20.0, 40.0])
+
+
+@pytest.fixture(scope="module")
+def apart():
+    """Call a function in another process: importing Meep would switch denormal numbers off in this one."""
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("fork")) as pool:
+        yield lambda function, *arguments: pool.submit(function, *arguments).result()
+
+
+def changed(cell, **updates):
+    return Metagrating.model_validate(cell.model_dump() | updates)
+
+
+def slab(te, axis, k=0.0):
+    return changed(te, period_nm=500.0, ridges_nm=[[0.0, 500.0]], electric_axis=axis, index={"n": 2.0, "k": k})
+
+
+def film(u, v, axis, k=0.0):
+    """q (3,) and absorptance of the slab by transfer matrix; s and p are weighed by their share of E."""
+    sine = np.hypot(u, v)
+    across = np.array([-v, u, 0.0]) / sine if sine > 0 else np.array([0.0, 1.0, 0.0])
+    share = float(electric_vector(u, v, axis) @ across) ** 2
+    layer = Layer(thickness_nm=600.0, index=Index(n=2.0, k=k))
+    total = np.zeros(2)
+    for polarisation, weight in (("s", share), ("p", 1 - share)):
+        stack = ThinFilm(kind="thin_film", name="x", wavelength_nm=1064.0, polarisation=polarisation, layers=[layer])
+        q, response = thin_film.pressure(stack, np.array([sine]))
+        total += weight * np.array([q[0, 2], response.absorptance[0]])
+    return np.array([u * total[1], v * total[1], total[0]]), total[1]
+
+
+@pytest.mark.parametrize(
+    ("u", "v", "axis"),
+    [(0, 0, "r"), (0.5, 0, "r"), (0.5, 0, "g"), (0, 0.5, "r"), (0, 0.5, "g"), (0.3, 0.4, "r"), (0.3, 0.4, "g")],
+)
+def test_a_slab_agrees_with_the_transfer_matrix(te, apart, u, v, axis):
+    result = apart(solve_direction, slab(te, axis), u, v, PAIR)
+    assert np.abs(result.q - film(u, v, axis)[0]).max() < 1e-2
+
+
+def test_strong_absorption_is_lost_power(te, apart):
+    result = apart(solve_direction, slab(te, "r", 0.05), 0.3, 0.2, PAIR)
+    q, absorptance = film(0.3, 0.2, "r", 0.05)
+    assert absorptance > 0.1
+    assert result.absorptance == pytest.approx(absorptance, abs=1e-2)
+    assert np.abs(result.q - q).max() < 1e-2
+
+
+@pytest.mark.parametrize(
+    ("which", "u", "v"), [("te", 0.0, 0.0), ("te", -0.09, 0.09), ("tm", 0.0, 0.0), ("tm", 0.03, 0.09)]
+)
+def test_the_published_cells_agree_with_the_modal_solver(request, apart, which, u, v):
+    cell = request.getfixturevalue(which)
+    result = apart(solve_direction, cell, u, v, FdtdSettings(resolutions_per_um=[20.0, 40.0], tolerance=1.0))
+    exact = modal.solve(cell, np.array([u]), np.array([v]), 30)
+    assert np.abs(result.q - exact.q[0, 0]).max() < max(1.5 * result.error, 1e-2)
+    assert result.absorptance == pytest.approx(exact.absorptance[0, 0], rel=0.03)
+    assert abs(result.energy_imbalance) < 2e-3
+    assert result.error > 0
+
+
+def test_mirroring_the_cell_flips_the_force_across(te, apart):
+    ridges = [[1600.0 - start - width, width] for start, width in reversed(te.ridges_nm)]
+    one = apart(solve_direction, te, 0.1, 0.0, COARSE)
+    other = apart(solve_direction, changed(te, ridges_nm=ridges), -0.1, 0.0, COARSE)
+    # The mirrored edges lie elsewhere on the grid: equal to the error of the coarse pair only.
+    assert np.abs(one.q * [-1, 1, 1] - other.q).max() < one.error + other.error
+    assert abs(one.q[0]) > 2 * one.error
+
+
+def test_v_to_minus_v_is_a_mirror(tm, apart):
+    one, other = (apart(solve_direction, tm, 0.05, v, COARSE) for v in (0.12, -0.12))
+    np.testing.assert_allclose(one.q * [1, -1, 1], other.q, atol=1e-6)
+
+
+def meep_stress(cell, u, v, resolution):
+    """q_g and q_n from Meep's own stress monitors, front and back."""
+    settings = FdtdSettings()
+    grid = layout(cell, resolution, settings)
+    incident = fdtd_run.incident_wave(cell, u, v, grid, settings)
+    run = fdtd_run._Run(cell, u, v, grid, settings)
+    mp, forces = run.mp, []
+    for direction in (mp.X, mp.Y):
+        regions = [
+            mp.ForceRegion(mp.Vector3(0, y), direction=direction, size=mp.Vector3(run.width), weight=weight)
+            for y, weight in ((grid.y_front, 1), (grid.y_back, -1))
+        ]
+        forces.append(run.simulation.add_force(run.frequency, 0, 1, *regions))
+    run.until_decayed()
+    power = -float(fdtd_run.flux(incident.amplitudes[0])[0]) * grid.period
+    x, y = (mp.get_forces(force)[0] / power for force in forces)
+    run.close()
+    return np.array([x, -y])
+
+
+def test_meeps_stress_monitors_approach_the_same_force(te, apart):
+    exact = modal.solve(te, np.array([0.05]), np.array([0.0]), 30).q[0, 0, [0, 2]]
+    errors = [np.abs(apart(meep_stress, te, 0.05, 0.0, res) - exact).max() for res in (20.0, 40.0)]
+    assert errors[1] < 0.5 * errors[0] < 0.05
+
+
+def test_a_stage_that_is_started_again_keeps_its_rows(te, apart, tmp_path):
+    path, directions = tmp_path / "part.h5", np.array([[0.0, 0.0], [0.1, 0.0]])
+    apart(solve_part, te, directions[:1], COARSE, path)
+    first = read_rows(path, te, COARSE).values
+    apart(solve_part, te, directions, COARSE, path)
+    second = read_rows(path, te, COARSE).values
+    assert second.shape[0] == 2
+    np.testing.assert_array_equal(second[0], first[0])  # its wall time too: it was not solved again
+    assert [item.name for item in tmp_path.iterdir()] == ["part.h5"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("u", "v"), [(0.122, 0.0), (-0.09, 0.09)])
+def test_the_resonance_is_resolved_by_the_finest_pair(tm, apart, u, v):
+    # At 20 and 40 pixels per µm the resonance is off by more than its width: q errs by 0.1, the absorptance by 70 %.
+    result = apart(solve_direction, tm, u, v, FdtdSettings())
+    exact = modal.solve(tm, np.array([u]), np.array([v]), 40)
+    assert np.abs(result.q - exact.q[0, 0]).max() < 1e-2
+    assert result.absorptance == pytest.approx(exact.absorptance[0, 0], rel=0.03)

@@ -1,0 +1,179 @@
+"""FDTD without running Meep: the grid, the extrapolation, blocks of directions, part files, what is refused."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from optics.cells import Metagrating
+from optics.fdtd import DirectionResult, check_cell, default_nodes, extrapolate, grazing, main, read_nodes
+from optics.fdtd_grid import FdtdSettings, covered, layout, rectangles
+from optics.fdtd_parts import Rows, block, merge, read_rows, write_rows
+from optics.fdtd_run import check_polarisation, import_meep
+from optics.files import InputError, validate
+from optics.incidence import electric_vector, wave_vector
+
+SETTINGS = FdtdSettings()
+
+
+def smooth(u, v):
+    """A response that is even in v and a cubic in u, which splines reproduce."""
+    return np.array([0.1 + u - u**3, 0.0, 0.5 + 0.2 * u * v**2]), 1e-5 * (1 + v**2)
+
+
+def solved(u, v):
+    q, absorptance = smooth(u, v)
+    return DirectionResult(q, absorptance, 2e-3, 1e-4, 1e-5, 1.0, (20.0, 40.0), 0.5)
+
+
+def rows(directions):
+    out = Rows.empty()
+    for u, v in directions:
+        out = out.added(u, v, solved(u, v))
+    return out
+
+
+def test_richardson_is_exact_for_an_error_of_second_order():
+    values = {n: np.array([0.3, -1.0]) + np.array([5.0, -2.0]) / n**2 for n in (30, 47)}
+    best, correction = extrapolate((30, values[30]), (47, values[47]))
+    np.testing.assert_allclose(best, [0.3, -1.0], rtol=1e-14)
+    np.testing.assert_allclose(correction, np.array([5.0, 2.0]) / 47**2, rtol=1e-12)
+
+
+@pytest.mark.parametrize("resolution", [20.0, 33.3, 40.0, 80.0])
+def test_the_grid_is_even_in_height_and_holds_the_material_between_its_lines(tm, resolution):
+    grid = layout(tm, resolution, SETTINGS)
+    assert grid.n_y % 2 == 0
+    assert grid.n_x * grid.pixel == pytest.approx(1.35)
+    assert grid.y_back < grid.y_bottom
+    assert grid.y_bottom + 0.6 < grid.y_front < grid.y_source
+    for y in (grid.y_front, grid.y_back):
+        assert (y / grid.pixel) % 1 == pytest.approx(0.5)
+
+
+def test_the_covered_area_is_that_of_the_cross_section(te):
+    grid = layout(te, 40.0, SETTINGS)
+    x = (np.arange(grid.n_x) - grid.n_x // 2 + 0.5) * grid.pixel
+    y = (np.arange(-grid.n_y // 2, grid.n_y // 2) + 0.5) * grid.pixel
+    area = covered(rectangles(te, grid), x, y, grid.pixel).sum()
+    assert area == pytest.approx(1.6 * 0.2 + 0.8 * 0.4, rel=1e-3)
+
+
+def test_ridges_that_touch_across_the_period_become_one_block(te):
+    cell = Metagrating.model_validate(te.model_dump() | {"ridges_nm": [[0.0, 600.0], [600.0, 1000.0]]})
+    boxes = rectangles(cell, layout(cell, 20.0, SETTINGS))
+    assert len(boxes) == 2  # one slab of ridges, one membrane
+
+
+def test_blocks_share_all_directions_evenly():
+    u, v = np.linspace(-0.18, 0.18, 11), np.array([0.0, 0.1, 0.18])
+    blocks = [block(u, v, i, 4) for i in range(1, 5)]
+    everything = {tuple(row) for part in blocks for row in part}
+    assert everything == {(x, y) for x in u for y in v}
+    assert max(map(len, blocks)) - min(map(len, blocks)) <= 1
+    in_plane = [int((part[:, 1] == 0).sum()) for part in blocks]
+    assert max(in_plane) - min(in_plane) <= 1
+
+
+def test_part_files_merge_to_the_response_they_hold(te, tmp_path):
+    u, v = default_nodes(0.18, 0.18)
+    parts = []
+    for i in (1, 2, 3):
+        parts.append(tmp_path / f"part{i}.h5")
+        write_rows(parts[-1], te, SETTINGS, rows(block(u, v, i, 3)))
+    table = merge(te, SETTINGS, u, v, parts)
+    for x, y in ((0.013, 0.0), (-0.17, 0.11), (0.1, -0.05)):
+        q, absorptance = smooth(x, abs(y))
+        np.testing.assert_allclose(table.q(x, y)[[0, 2]], q[[0, 2]], atol=1e-6)
+        assert table.q(x, y)[1] == pytest.approx(y * absorptance, abs=1e-8)
+    assert table.error.min() >= 2e-3
+    with pytest.raises(InputError, match="none of the part files"):
+        merge(te, SETTINGS, u, v, parts[:2])
+
+
+def test_rows_of_another_cell_or_other_settings_are_not_kept(te, tm, tmp_path):
+    path = tmp_path / "part.h5"
+    write_rows(path, te, SETTINGS, rows([(0.0, 0.0)]))
+    assert read_rows(path, te, SETTINGS).find(0.0, 0.0) == 0
+    with pytest.raises(InputError, match="other 'cell'"):
+        read_rows(path, tm, SETTINGS)
+    with pytest.raises(InputError, match="other 'settings'"):
+        read_rows(path, te, FdtdSettings(tolerance=1e-3))
+    path.write_bytes(b"torn")
+    with pytest.raises(InputError, match="not a readable part file"):
+        read_rows(path, te, SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"symmetries": ["Mirror(X)"]}, "symmetries"),
+        ({"courant": 0.9}, "less than or equal to 0.7"),
+        ({"resolutions_per_um": [40.0]}, "at least 2"),
+        ({"resolution": 40.0}, "did you mean 'resolutions_per_um'"),
+        ({"tolerance": 0.0}, "greater than 0"),
+    ],
+)
+def test_bad_settings_are_refused_in_one_line(given, message):
+    with pytest.raises(InputError, match=message) as error:
+        validate(given, FdtdSettings, "settings.yaml")
+    assert "\n" not in str(error.value)
+
+
+def test_what_fdtd_cannot_do_is_refused(te):
+    glass = Metagrating.model_validate(te.model_dump() | {"surroundings": {"front": 1.0, "back": 1.5}})
+    with pytest.raises(InputError, match="vacuum"):
+        check_cell(glass, 0.0, 0.0)
+    with pytest.raises(InputError, match="evanescent"):
+        check_cell(te, 0.8, 0.7)
+
+
+def test_a_grazing_order_is_seen(tm):
+    assert grazing(tm, 1 - tm.pitch, 0.0) < 1e-6
+    assert grazing(tm, 0.0, 0.0) > 0.5
+
+
+@pytest.mark.parametrize("axis", ["g", "r"])
+def test_the_polarisation_check_takes_the_wanted_wave_only(te, axis):
+    cell = Metagrating.model_validate(te.model_dump() | {"electric_axis": axis})
+    u, v = 0.3, -0.4
+    e = electric_vector(u, v, axis)
+    h = np.cross(wave_vector(u, v), e)
+    wave = 1j * np.array([e[0], e[1], h[0], h[1]])
+    check_polarisation(cell, u, v, wave)
+    for wrong in (wave * [1, 1, -1, -1], wave + 0.02 * np.array([1, 0, 0, 0]), 0 * wave):
+        with pytest.raises(InputError, match="polarisation"):
+            check_polarisation(cell, u, v, wrong)
+
+
+def test_bad_nodes_are_refused(te, tmp_path):
+    path = tmp_path / "nodes.json"
+    good = {"name": te.name, "u": [-0.1, 0.0, 0.1], "v": [0.0, 0.1]}
+    cases = [
+        ({"name": "other"}, "another cell"), ({"u": [0.1, 0.0]}, "ascending"), ({"v": [0.1, 0.2]}, "must be 0"),
+        ({"u": "x"}, "must hold"),
+    ]
+    for change, message in cases:
+        path.write_text(json.dumps(good | change))
+        with pytest.raises(InputError, match=message):
+            read_nodes(str(path), te)
+    with pytest.raises(InputError, match="no such file"):
+        read_nodes(str(tmp_path / "none.json"), te)
+
+
+def test_without_meep_the_stage_says_how_to_get_it(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "meep", None)
+    with pytest.raises(InputError, match="python3-meep") as error:
+        import_meep()
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("part", ["0/4", "5/4", "x", "3"])
+def test_a_bad_part_is_refused(monkeypatch, tmp_path, part):
+    monkeypatch.setattr("optics.fdtd.import_meep", lambda: None)
+    cell = "workflow/designs/mark1e_te.yaml"
+    monkeypatch.setattr(sys, "argv", ["fdtd", "--cell", cell, "--out", str(tmp_path / "p.h5"), "--part", part])
+    with pytest.raises(InputError, match="--part"):
+        main()
+    assert not list(tmp_path.iterdir())
