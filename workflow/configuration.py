@@ -15,6 +15,7 @@ from optics.files import InputError, Strict, validate
 
 SOURCE = "workflow/config.yaml"
 
+Tolerance = Annotated[float, Field(gt=0, lt=1)]
 Cosine = Annotated[float, Field(gt=0, lt=1)]
 # A value given on the command line (`--config fdtd=false`) comes as text.
 Switch = Annotated[Literal["auto", True, False], BeforeValidator(lambda x: {"true": True, "false": False}.get(x, x))]
@@ -26,7 +27,7 @@ class Grid(Strict):
 
     u_max: Cosine
     v_max: Cosine
-    tolerance: Annotated[float, Field(gt=0, lt=1)]
+    tolerance: Tolerance
 
 
 class Config(Strict):
@@ -39,6 +40,7 @@ class Config(Strict):
     fdtd_designs: list[Name]
     fdtd_parts: Annotated[int, Field(ge=1, le=1000)]
     fdtd_grid: Grid
+    fdtd_tolerance: Tolerance
     floquet: list[Name]
     rigid: list[Name]
     flight: list[Name]

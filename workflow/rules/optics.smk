@@ -81,7 +81,7 @@ rule fdtd_part:
         "results/benchmarks/tables/{design}/fdtd/part{part}.tsv"
     params:
         parts=plan.config.fdtd_parts,
-        grid=grid(plan.config.fdtd_grid),
+        tolerance=plan.config.fdtd_tolerance,
         # Rows are kept here as they come. A job that was killed goes on from them, unless cell or program have changed.
         rows=lambda wildcards, input, output: f"{output}.{digest([input.cell, *input.sources])}",
     threads: 1
@@ -92,7 +92,7 @@ rule fdtd_part:
     message:
         "FDTD on {wildcards.design}, part {wildcards.part} of {params.parts}"
     shell:
-        "python -m optics.fdtd --cell {input.cell} --nodes {input.nodes} {params.grid}"
+        "python -m optics.fdtd --cell {input.cell} --nodes {input.nodes} --tolerance {params.tolerance}"
         " --part {wildcards.part}/{params.parts} --out {params.rows} > {log} 2>&1"
         " && mv {params.rows} {output} && rm -f {output}.*"
 
@@ -110,7 +110,7 @@ rule fdtd_table:
     benchmark:
         "results/benchmarks/tables/{design}/fdtd.tsv"
     params:
-        grid=grid(plan.config.fdtd_grid),
+        tolerance=plan.config.fdtd_tolerance,
     threads: 1
     resources:
         mem_mb=2000,
@@ -118,5 +118,5 @@ rule fdtd_table:
     message:
         "FDTD table of {wildcards.design}"
     shell:
-        "python -m optics.fdtd --cell {input.cell} --nodes {input.nodes} {params.grid}"
+        "python -m optics.fdtd --cell {input.cell} --nodes {input.nodes} --tolerance {params.tolerance}"
         " --merge {input.parts} --out {output} > {log} 2>&1"
