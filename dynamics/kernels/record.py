@@ -33,11 +33,9 @@ def centre(masses: Floats, values: Floats, out: Floats) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def motion(masses: Floats, rest: Floats, x: Floats, v: Floats, row: Floats) -> None:
-    """Centre of mass, its velocity, fit, angular momentum, inertia and kinetic energy into row (WIDTH,)."""
+    """Centre of mass, its velocity, fit, angular momentum, inertia and kinetic energy into row (WIDTH,) of zeros."""
     centre(masses, x, row[1:4])
     centre(masses, v, row[4:7])
-    row[7:25] = 0.0
-    row[30] = 0.0
     for i in range(masses.size):
         m = masses[i]
         d0, d1, d2 = x[0, i] - row[1], x[1, i] - row[2], x[2, i] - row[3]
@@ -62,7 +60,7 @@ def motion(masses: Floats, rest: Floats, x: Floats, v: Floats, row: Floats) -> N
 @numba.njit(cache=True, error_model="numpy")
 def warmth(triangles: Triangles, temperature: Floats, row: Floats) -> None:
     """Largest, smallest and mass-weighted mean of the triangle temperatures (mean of the corners), K."""
-    row[25], row[26], row[27] = -np.inf, np.inf, 0.0
+    row[25], row[26] = -np.inf, np.inf
     corners, masses = triangles.corners, triangles.masses
     for i in range(masses.size):
         mean = (temperature[corners[0, i]] + temperature[corners[1, i]] + temperature[corners[2, i]]) / 3.0
@@ -75,7 +73,6 @@ def warmth(triangles: Triangles, temperature: Floats, row: Floats) -> None:
 @numba.njit(cache=True, error_model="numpy")
 def push(corners: Indices, x: Floats, force: Floats, row: Floats) -> None:
     """Optical force in N and its torque about the centre of mass in N m; force (3, t + 1) is that on one corner."""
-    row[35:41] = 0.0
     for i in range(corners.shape[1]):
         p, q, s = corners[0, i], corners[1, i], corners[2, i]
         f0, f1, f2 = force[0, i], force[1, i], force[2, i]

@@ -76,7 +76,8 @@ def rates(
 
     slots (d, n): triangles at each node; sides (6, t): of the triangles now; absorbed (t + 1,) in W at full ramp.
     """
-    work.rate[:] = 0.0
+    for i in range(work.rate.size):
+        work.rate[i] = 0.0
     if heat.absorbs and gain > 0.0:
         _absorb(slots, absorbed, gain, work.rate)
     if heat.emission.size > 0:
