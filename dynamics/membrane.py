@@ -30,12 +30,13 @@ from dynamics.lattice import Floats
 from dynamics.model import Membrane, build, initial_state, work_space
 from dynamics.sail import load_tables, provenance
 from dynamics.scene import Scene, plan, read_scene
+from optics.compiled import digest
 from optics.files import Stopwatch, progress, run_stage, write_json
 from optics.table import PressureTable
 
 #: Steps a kernel call: long against a call's cost, short against a checkpoint's interval.
 CHUNK = 512
-#: Part of the fingerprint of a checkpoint: raise it when the same scene and tables give other numbers.
+#: Part of the fingerprint of a checkpoint, as are the compiled sources: raise it when this module gives other numbers.
 SCHEMA = 1
 REASONS = {
     failure.INTACT: "finished", failure.TENSILE: "tensile_failure", failure.THERMAL: "thermal_failure",
@@ -68,7 +69,7 @@ class Flight:
         self.journal = Journal(folder, record.WIDTH, 1 + 7 * n)
         self._rows = np.empty((CHUNK // self.model.series_every + 3, record.WIDTH))
         self._frame_steps = max(1, round(scene.flight.snapshot_every_s / self.model.dt))
-        sums = [SCHEMA, self.model.dt, scene.model_dump_json(), *(table.digest for table in tables.values())]
+        sums = [SCHEMA, digest(), self.model.dt, scene.model_dump_json(), *(table.digest for table in tables.values())]
         self._fingerprint = hashlib.sha256(repr(sums).encode()).hexdigest()
 
     @property
