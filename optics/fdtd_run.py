@@ -19,6 +19,8 @@ Meep is imported inside functions only: importing it switches denormal numbers o
 
 from __future__ import annotations
 
+import contextlib
+import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -86,8 +88,10 @@ class _Run:
         keep = np.isclose(u_m, u, atol=1e-12) if empty else np.ones(u_m.size, bool)
         self.u_m, self.w_m = u_m[keep], w_m[keep]
         self.components = [self.mp.Ex, self.mp.Ez, self.mp.Hx, self.mp.Hz]
-        self.simulation = self._simulation()
-        self.lines = [self._monitor(self.components, y, 0.0) for y in (grid.y_front, grid.y_back)]
+        with contextlib.redirect_stderr(io.StringIO()):  # a note on odd numbers of pixels, which are meant
+            self.simulation = self._simulation()
+            self.lines = [self._monitor(self.components, y, 0.0) for y in (grid.y_front, grid.y_back)]
+            self.simulation.init_sim()
 
     def _simulation(self) -> Any:
         mp, grid, f = self.mp, self.grid, self.frequency
