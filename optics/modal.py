@@ -132,7 +132,8 @@ def _tensor(s: Complexes, p: Complexes, u_m: Floats, v: Floats) -> Complexes:
 
 def _half_space(u_m: Floats, v: Floats, permittivity: complex) -> tuple[Complexes, Complexes, Complexes]:
     """k_z and the admittances for s and p (n_v, n) of outgoing plane waves."""
-    k_z = _root(permittivity - u_m**2 - v[:, None] ** 2 + 0j)
+    k_t, index = np.hypot(u_m, v[:, None]), np.sqrt(complex(permittivity))
+    k_z = _root((index - k_t) * (index + k_t))  # a product keeps its digits at glancing light
     return k_z, k_z, permittivity / k_z
 
 
