@@ -7,6 +7,7 @@ normal of the sail is Q ẑ = (sinθ, −cosθ sinφ, cosθ cosφ). Quaternions 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,14 @@ def rotation_from_quaternion(quaternion: Floats) -> Floats:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def arctan2(y: Any, x: Any) -> Floats:
+    """Angles (...) in rad of points (x, y), one by one with the C library's function.
+
+    NumPy's rounds the last bit differently from one run to the next, by where its arrays happen to lie in memory.
+    """
+    return np.asarray(np.frompyfunc(math.atan2, 2, 1)(y, x), float)
+
+
 def angles_from_rotation(turn: Floats) -> tuple[Floats, Floats, Floats]:
     """(roll, pitch, yaw) (...) in rad of rotations (..., 3, 3); roll and yaw in (−π, π], pitch in [−π/2, π/2].
 
@@ -59,9 +68,9 @@ def angles_from_rotation(turn: Floats) -> tuple[Floats, Floats, Floats]:
     """
     cosine = np.hypot(turn[..., 0, 0], turn[..., 0, 1])
     locked = cosine < 1e-12
-    pitch = np.arctan2(turn[..., 0, 2], cosine)
+    pitch = arctan2(turn[..., 0, 2], cosine)
     roll = np.where(
-        locked, np.arctan2(turn[..., 2, 1], turn[..., 1, 1]), np.arctan2(-turn[..., 1, 2], turn[..., 2, 2])
+        locked, arctan2(turn[..., 2, 1], turn[..., 1, 1]), arctan2(-turn[..., 1, 2], turn[..., 2, 2])
     )
-    yaw = np.where(locked, 0.0, np.arctan2(-turn[..., 0, 1], turn[..., 0, 0]))
+    yaw = np.where(locked, 0.0, arctan2(-turn[..., 0, 1], turn[..., 0, 0]))
     return roll, pitch, yaw

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import math
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -213,7 +214,7 @@ def release(membrane: Membrane, state: State) -> None:
     node, masses = membrane.mesh.reference_node, membrane.lattice.masses
     centre = state.x @ masses / masses.sum()
     arm, rest = state.x[:, node] - centre, membrane.model.rest[:, node]
-    yaw = np.arctan2(rest[1], rest[0]) - np.arctan2(arm[1], arm[0])
+    yaw = math.atan2(rest[1], rest[0]) - math.atan2(arm[1], arm[0])
     tilt = rotation_from_angles(np.radians(given.roll_deg), np.radians(given.pitch_deg), yaw)
     state.x[...] = tilt @ state.x + np.array([*given.offset_m, 0.0])[:, None]
     state.v[...] = tilt @ state.v

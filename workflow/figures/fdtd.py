@@ -7,6 +7,7 @@ from pathlib import Path
 import h5py
 from drawing import COLOURS, Floats, np, parser, plt, save
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from optics.files import InputError, run_stage
 from optics.table import PressureTable
@@ -50,6 +51,7 @@ def draw(designs: dict[str, tuple[Floats, dict[str, Floats]]]) -> Figure:
     honesty.loglog(ends, ends, color="0.5", lw=0.8, label="estimate = deviation")
     cost.set(xlabel="wall time of the direction (s)", ylabel="|FDTD − modal|, larger of q_g and q_n")
     honesty.set(xlabel="error estimated by FDTD itself")
+    honesty.xaxis.set_minor_formatter(NullFormatter())
     cost.legend()
     honesty.legend()
     return figure

@@ -76,7 +76,7 @@ def draw(name: str, sails: list[Snapshot]) -> Figure:
     style = {"cmap": "PuOr", "vmin": -most, "vmax": most, "shading": "gouraud"}
     _row(bent, sails, deviation, "from the best-fitting plane (mm)", **style)
     for top, bottom, sail in zip(hot, bent, sails, strict=True):
-        top.set_title(f"t = {sail.time:.4g} s, z = {round(sail.points[:, 2].mean(), 6):.4g} m")
+        top.set_title(f"t = {sail.time:.4g} s, z = {round(sail.points[:, 2].mean(), 6) + 0.0:.4g} m")
         bottom.set_xlabel("x from the centre (cm)")
     figure.suptitle(f"{name}: the sail seen along the beam")
     return figure
