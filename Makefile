@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := results
-.PHONY: results test setup
+.PHONY: results test test-slow setup
 
 CORES ?= $(shell nproc)
 VENV := .venv
@@ -31,6 +31,10 @@ test: setup
 	$(BIN)/mypy workflow/*.py workflow/figures/*.py
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest -m "not slow"
+
+# Checks of minutes each: whole flights against the published ones, FDTD at full resolution.
+test-slow: setup
+	$(BIN)/python -m pytest -m slow
 
 setup: $(READY)
 
