@@ -127,6 +127,20 @@ def atomic(path: str | Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def check_out(path: str | Path) -> None:
+    """Refuse an output path that could not be written, before anything is computed."""
+    path = Path(path)
+    if not path.name or path.is_dir():
+        raise InputError(f"--out = {str(path)!r}: must be a file name, not a folder")
+    parent = path.parent
+    while not parent.exists() and parent != parent.parent:
+        parent = parent.parent
+    if not parent.is_dir():
+        raise InputError(f"--out = {path}: {parent} is not a folder")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise InputError(f"--out = {path}: no permission to write in {parent}")
+
+
 def write_json(path: str | Path, data: Any) -> None:
     """`data` as readable JSON, atomically. NaN is refused."""
     text = json.dumps(data, indent=1, allow_nan=False)
@@ -146,11 +160,14 @@ def progress(items: Iterable[Any], what: str, total: int | None = None, unit: st
 
 
 def run_stage(main: Callable[[], None]) -> None:
-    """Run a stage's `main`; an InputError becomes one line on standard error and exit code 2."""
+    """Run a stage's `main`; an InputError or a failing disk becomes one line on standard error and exit code 2."""
     try:
         main()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except OSError as error:
+        print(f"error: {error.filename or 'input or output'}: {error.strerror or error}", file=sys.stderr)
         raise SystemExit(2) from None
 
 
