@@ -107,7 +107,7 @@ def read_cell(path: str | Path) -> Cell:
     """The cell described by a YAML file; InputError names the file, the field and what is allowed."""
     data = load_yaml(path)
     kind = data.get("kind") if isinstance(data, dict) else None
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         raise InputError(f"{path}: kind = {kind!r}: must be one of {', '.join(KINDS)}")
     return validate(data, KINDS[kind], path)
 

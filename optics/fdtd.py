@@ -22,7 +22,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from optics.cells import Metagrating, read_metagrating
-from optics.command import add_table_arguments, check_range
+from optics.command import add_table_arguments, check_range, checked
 from optics.fdtd_grid import FdtdSettings, pixels
 from optics.fdtd_parts import Rows, block, merge, read_rows, write_rows
 from optics.fdtd_run import Efficiencies, efficiencies, import_meep
@@ -152,7 +152,7 @@ def _part(text: str) -> tuple[int, int]:
     except ValueError:
         raise InputError(f"--part = {text}: must be like 3/8") from None
     if not 1 <= i <= n:
-        raise InputError(f"--part = {text}: must be between 1/{n} and {n}/{n}")
+        raise InputError(f"--part = {text}: must be i/n with 1 ≤ i ≤ n")
     return i, n
 
 
@@ -162,7 +162,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--nodes", help="JSON file of the directions, from python -m optics.nodes")
     parser.add_argument("--part", help="solve the i-th of n blocks of the directions only, as in 3/8")
     parser.add_argument("--merge", nargs="+", metavar="PART", help="make the table from these part files")
-    return parser.parse_args()
+    return checked(parser.parse_args())
 
 
 def _warn_of_grazing(cell: Metagrating, directions: Floats) -> None:

@@ -20,12 +20,6 @@ Complexes = NDArray[np.complex128]
 AXES = {"g": 0, "r": 1}
 
 
-def normal_cosine(u: Floats | float, v: Floats | float) -> Floats:
-    """W = √(1 − u² − v²) of directions inside the unit circle, in a form that is accurate at glancing light."""
-    s = np.hypot(u, v)
-    return np.sqrt((1.0 - s) * (1.0 + s))
-
-
 def wave_vector(u: Floats | float, v: Floats | float, index: float = 1.0) -> Floats:
     """k/k₀ (..., 3) in (g, r, n) of the light, in front of the cell (refractive index `index`)."""
     s = np.hypot(u, v)

@@ -5,13 +5,11 @@ python -m optics.nodes --cell workflow/designs/mark1e_te.yaml --out nodes.json
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from optics.cells import Metagrating, read_metagrating
-from optics.command import add_table_arguments, check_range
+from optics.command import check_range, table_arguments
 from optics.files import run_stage, write_json
 from optics.modal import solve
 from optics.sampling import choose_nodes
@@ -31,9 +29,7 @@ def fdtd_nodes(cell: Metagrating, u_max: float, v_max: float, tolerance: float) 
 
 def main() -> None:
     """Command line: see the module docstring."""
-    parser = argparse.ArgumentParser(prog="python -m optics.nodes", description="Directions for FDTD to solve")
-    add_table_arguments(parser, 1e-2, 0.18)
-    arguments = parser.parse_args()
+    arguments = table_arguments("optics.nodes", "Directions for FDTD to solve", 1e-2, 0.18)
     cell = read_metagrating(arguments.cell)
     check_range(cell.surroundings.front, arguments.u_max, arguments.v_max)
     with threadpool_limits(1):

@@ -95,6 +95,10 @@ class PressureTable:
         for name, nodes, least in (("u", self.u, 2), ("v", self.v, 1 if self.axisymmetric else 2)):
             if nodes.size < least or np.any(np.diff(nodes) <= 0):
                 raise InputError(f"{name} must hold at least {least} ascending values")
+        if not (np.all(np.isfinite(self.u)) and np.all(np.isfinite(self.v))):
+            raise InputError("u and v must be finite")
+        if self.axisymmetric and self.v.tolist() != [0.0]:
+            raise InputError("an axisymmetric table must have v = [0]")
         if not np.all(self.error > 0):
             raise InputError("error must be greater than 0 everywhere")
         if self.mirror_v and self.v[0] != 0:
@@ -194,8 +198,9 @@ class PressureTable:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the numbers, to notice an edited file."""
-        sums = hashlib.sha256()
+        """SHA-256 of the numbers and of what they belong to, to notice an edited file."""
+        belongs = [self.mirror_v, self.axisymmetric, self.name, self.attrs.get("wavelength_m")]
+        sums = hashlib.sha256(json.dumps(belongs).encode())
         for array in (self.u, self.v, self.q_nodes, self.absorptance_nodes, self.error):
             sums.update(np.ascontiguousarray(array, "<f8").tobytes())
         return sums.hexdigest()
@@ -209,29 +214,35 @@ class PressureTable:
             with xr.open_dataset(path, engine="h5netcdf", decode_cf=False) as data:
                 data.load()
         except Exception as refusal:
-            raise InputError(f"{path}: not a readable HDF5 table ({type(refusal).__name__}: {refusal})") from None
+            raise InputError(f"{path}: not a readable HDF5 table ({_one_line(refusal)})") from None
         for name in ("u", "v", "q", "absorptance", "error"):
             if name not in data.variables:
                 raise InputError(f"{path}: not a pressure table: '{name}' is missing")
-        if int(data.attrs.get("schema", -1)) != SCHEMA:
+        if str(data.attrs.get("schema")) != str(SCHEMA):
             raise InputError(f"{path}: schema = {data.attrs.get('schema')}: must be {SCHEMA}; make the table again")
-        attrs = dict(data.attrs)
-        flags = {name: bool(attrs.pop(name, 0)) for name in ("mirror_v", "axisymmetric")}
-        digest = attrs.pop("digest", "")
-        del attrs["schema"]
+        try:
+            table = cls._from_dataset(data)
+        except InputError as refusal:
+            raise InputError(f"{path}: {refusal}") from None
+        except (ValueError, TypeError) as refusal:
+            raise InputError(f"{path}: not a pressure table ({_one_line(refusal)})") from None
+        if table.digest != data.attrs.get("digest"):
+            raise InputError(f"{path}: it was changed after it was made (digest differs); make it again")
+        return table
+
+    @classmethod
+    def _from_dataset(cls, data: xr.Dataset) -> PressureTable:
+        """The table in a data set; ValueError or TypeError where a number is none."""
         u, v, q, absorptance, error = (
             np.asarray(data[name].values, float) for name in ("u", "v", "q", "absorptance", "error")
         )
-        try:
-            table = cls(
-                u, v, q, absorptance, error, flags["mirror_v"], flags["axisymmetric"],
-                {key: _decode(value) for key, value in attrs.items()},
-            )
-        except InputError as refusal:
-            raise InputError(f"{path}: {refusal}") from None
-        if table.digest != digest:
-            raise InputError(f"{path}: numbers were changed after it was made (digest differs); make it again")
-        return table
+        attrs = {key: _decode(value) for key, value in data.attrs.items() if key not in ("schema", "digest")}
+        mirror_v, axisymmetric = (bool(int(attrs.pop(name))) for name in ("mirror_v", "axisymmetric"))
+        return cls(u, v, q, absorptance, error, mirror_v, axisymmetric, attrs)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def _encode(value: Any) -> Any:

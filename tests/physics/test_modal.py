@@ -107,7 +107,7 @@ def test_reciprocity(tm, axis):
 
 
 @pytest.mark.parametrize("fixture", ["te", "tm"])
-def test_convergence_is_of_third_order(fixture, request):
+def test_convergence_is_algebraic_and_better_than_order_three_halves(fixture, request):
     cell = request.getfixturevalue(fixture)
     u, v = np.linspace(-0.3, 0.3, 7), np.array([0.0, 0.1])
     reference = solve(cell, u, v, 60).q

@@ -24,6 +24,7 @@ DESIGN = (Path(__file__).parents[2] / "workflow/designs/mark1e_te.yaml").read_te
         ("[790, 200]", "[790, 0]", r"ridges_nm\[1\] = \[790, 0\]: the width must be greater than 0"),
         ("electric_axis: r", "electric_axis: x", r"electric_axis = \"x\": must be 'g' or 'r'"),
         ("kind: metagrating", "kind: grating", r"kind = 'grating': must be one of metagrating, thin_film"),
+        ("kind: metagrating", "kind: [a]", r"kind = \['a'\]: must be one of metagrating, thin_film"),
         ("period_nm: 1600", "period_nm: [", r"not valid YAML"),
         ("period_nm: 1600", "period_nm: 1600\nperiod_nm: 1500", r"not valid YAML: key 'period_nm' is given twice"),
         ("name: mark1e_te", "name: ../te", r"name = "),

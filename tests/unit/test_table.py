@@ -121,6 +121,14 @@ def test_truncated_foreign_and_edited_files_are_refused_with_the_reason(tmp_path
         file["q"][0, 3, 3] += 1e-6
     with pytest.raises(InputError, match="digest differs"):
         PressureTable.read(path)
+    for name, value in (("mirror_v", 0), ("name", "another"), ("mirror_v", "no"), ("schema", "abc"), ("cell", "{")):
+        path.write_bytes(whole)
+        with h5py.File(path, "r+") as file:
+            file.attrs[name] = value
+        with pytest.raises(InputError) as caught:
+            PressureTable.read(path)
+        assert str(caught.value).startswith(str(path))
+        assert "\n" not in str(caught.value)
     with pytest.raises(InputError, match="no such pressure table"):
         PressureTable.read(tmp_path / "none.h5")
 

@@ -1,0 +1,33 @@
+"""What the command lines refuse before they compute anything."""
+
+import pytest
+
+from optics.command import check_range
+from optics.files import InputError, check_out
+
+
+def test_outputs_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("")
+    check_out(tmp_path / "new" / "deep" / "t.h5")
+    assert not (tmp_path / "new").exists()
+    for out, why in ((tmp_path, "not a folder"), (tmp_path / "file" / "t.h5", "is not a folder"), ("", "not a folder")):
+        with pytest.raises(InputError, match=why):
+            check_out(out)
+
+
+@pytest.mark.parametrize("bounds", [(-0.1, 0.1), (1.2, 0.1), (0.1, -0.1), (0.1, 0.0), (0.8, 0.7), (float("nan"), 0.1)])
+def test_ranges_beyond_the_light(bounds):
+    with pytest.raises(InputError, match="-max = "):
+        check_range(1.0, *bounds)
+    check_range(1.0, 0.6, 0.6)
+
+
+@pytest.mark.parametrize("tolerance", ["0", "-1", "nan", "inf", "2"])
+@pytest.mark.parametrize("module", ["thin_film", "modal", "nodes", "fdtd"])
+def test_tolerances_that_make_no_sense(module, tolerance, tmp_path, monkeypatch):
+    from importlib import import_module
+
+    arguments = [module, "--cell", "none.yaml", "--out", str(tmp_path / "t.h5"), "--tolerance", tolerance]
+    monkeypatch.setattr("sys.argv", arguments)
+    with pytest.raises(InputError, match="--tolerance = "):
+        import_module(f"optics.{module}").main()
