@@ -6,7 +6,7 @@ node data temperature and velocity, the cell data temperature, strain (largest o
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -159,11 +159,3 @@ def write_mesh(path: str | Path, mesh: Mesh, cells: Mapping[str, NDArray[Any]]) 
     with atomic(path) as temporary, h5py.File(temporary, "w") as file:
         grid = _Grid(file, mesh, cells)
         grid.append("Points", mesh.nodes)
-
-
-def frames_of(file: h5py.File) -> Iterator[tuple[float, Floats]]:
-    """Times in s and points (n, 3) in m of an open flight file."""
-    grid = file["VTKHDF"]
-    n = int(grid["NumberOfPoints"][0])
-    for time, start in zip(grid["Steps/Values"], grid["Steps/PointOffsets"], strict=True):
-        yield float(time), np.asarray(grid["Points"][start : start + n])

@@ -10,7 +10,6 @@ square root of the error. The verdict therefore comes from the multipliers of ma
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from dynamics import scene as scenes
+from dynamics.command import stage_arguments
 from dynamics.linear import COLUMNS, ROWS, LinearModel, imbalance, linearise
 from dynamics.rigid_body import RigidBody, rigid_body
 from dynamics.sail import load_tables, provenance
@@ -210,11 +210,7 @@ def pairs(values: Complexes) -> list[list[float]]:
 
 def main() -> None:
     """Decide the linear stability of a scene's sail on the beam axis."""
-    parser = argparse.ArgumentParser(prog="python -m dynamics.floquet", description=main.__doc__)
-    parser.add_argument("--scene", required=True, help="YAML file of the scene")
-    parser.add_argument("--tables", nargs="*", default=[], help="pressure table of each design of the scene")
-    parser.add_argument("--out", required=True, help="JSON file to write")
-    arguments = parser.parse_args()
+    arguments = stage_arguments("dynamics.floquet", main.__doc__, "JSON file to write")
     scene = scenes.read_scene(arguments.scene)
     tables = load_tables(arguments.tables, scene)
     stability = analyse(scene, tables)

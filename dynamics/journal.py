@@ -6,7 +6,10 @@ behind the lengths that the checkpoint knows was written after it and is cut off
 
 from __future__ import annotations
 
+import hashlib
 import shutil
+import sys
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,9 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.files import atomic
+from optics.files import InputError, atomic
 
 Floats = NDArray[np.float64]
+
+#: What reading a truncated, foreign or otherwise broken checkpoint raises.
+UNREADABLE = (ValueError, TypeError, OSError, zipfile.BadZipFile, KeyError, EOFError)
 
 
 def leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
@@ -28,12 +34,23 @@ def leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
             yield f"{prefix}{name}", value
 
 
+def numbers_digest(tree: Any) -> str:
+    """SHA-256 of all numbers of nested named tuples: name, type, shape and bits of each array and scalar."""
+    sums = hashlib.sha256()
+    for name, value in leaves(tree):
+        array = np.ascontiguousarray(value)
+        sums.update(f"{name} {array.dtype.str} {np.shape(value)} ".encode() + array.tobytes())
+    return sums.hexdigest()
+
+
 class Journal:
-    """Rows (·, width) and frames (·, size) of a flight in a folder."""
+    """Rows (·, width) and frames (·, size) of a flight in a folder; InputError where a file lies in its place."""
 
     def __init__(self, folder: Path, width: int, size: int) -> None:
         self._folder = folder
         self._width, self._size = width, size
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{folder}: must be a folder, for the flight in progress, or absent; remove or rename it")
         folder.mkdir(parents=True, exist_ok=True)
 
     def _path(self, name: str) -> Path:
@@ -75,23 +92,38 @@ class Journal:
             np.savez(stream, fingerprint=np.array(fingerprint), sizes=np.array(sizes), **arrays, **counters)
 
     def restore(self, fingerprint: str, *trees: Any) -> dict[str, float] | None:
-        """Fill the trees from the checkpoint and return its counters; None if there is none of this flight."""
+        """Fill the trees from the checkpoint and return its counters; None if there is none of this flight.
+
+        A checkpoint that cannot be read counts as none, with a note on standard error.
+        """
         path = self._path("checkpoint.npz")
-        if not path.exists():
-            self._clear()
-            return None
-        with np.load(path) as data:
-            if str(data["fingerprint"]) != fingerprint:
-                self._clear()
-                return None
-            for i, tree in enumerate(trees):
-                for name, value in leaves(tree):
-                    value[...] = data[f"{i}.{name}"]
-            for name, size in zip(("rows", "frames"), data["sizes"], strict=True):
-                with open(self._path(name), "ab") as stream:
-                    stream.truncate(int(size))
-            scalars = [name for name in data.files if "." not in name and name not in ("fingerprint", "sizes")]
-            return {name: data[name].item() for name in scalars}
+        if path.exists():
+            try:
+                with np.load(path) as data:
+                    kept = {name: data[name] for name in data.files}
+                if str(kept.pop("fingerprint")) == fingerprint:
+                    return self._take(kept, trees)
+            except UNREADABLE as error:
+                print(f"{path}: not a readable checkpoint ({error}); starting anew", file=sys.stderr)
+        self._clear()
+        return None
+
+    def _take(self, kept: dict[str, NDArray[Any]], trees: tuple[Any, ...]) -> dict[str, float]:
+        """Counters of a checkpoint's arrays, whose numbers go to the trees only when all of them fit."""
+        pairs = [(value, kept.pop(f"{i}.{name}")) for i, tree in enumerate(trees) for name, value in leaves(tree)]
+        lengths = dict(zip(("rows", "frames"), kept.pop("sizes").tolist(), strict=True))
+        if any(value.shape != new.shape for value, new in pairs):
+            raise ValueError("arrays of another shape")
+        for name, length in lengths.items():
+            if length > (self._path(name).stat().st_size if self._path(name).exists() else 0):
+                raise ValueError(f"'{name}' is shorter than it says")
+        counters = {name: value.item() for name, value in kept.items()}
+        for name, length in lengths.items():
+            with open(self._path(name), "ab") as stream:
+                stream.truncate(length)
+        for value, new in pairs:
+            value[...] = new
+        return counters
 
     def _clear(self) -> None:
         for name in ("rows", "frames"):

@@ -8,7 +8,6 @@ given again, and ends with the same bits.
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import math
@@ -22,14 +21,15 @@ from typing import Any
 import numpy as np
 
 from dynamics.attitude import rotation_from_angles
+from dynamics.command import stage_arguments
 from dynamics.flight import Frame, series, write_flight
-from dynamics.journal import Journal, leaves
+from dynamics.journal import Journal, leaves, numbers_digest
 from dynamics.kernels import failure, record
 from dynamics.kernels.elastic import REFERENCE_TEMPERATURE
 from dynamics.kernels.step import State, Work, run
 from dynamics.lattice import Floats
 from dynamics.model import Membrane, build, initial_state, work_space
-from dynamics.sail import load_tables, provenance
+from dynamics.sail import check_release, load_tables, provenance
 from dynamics.scene import Scene, plan, read_scene
 from optics.compiled import digest
 from optics.files import Stopwatch, progress, run_stage, write_json
@@ -70,8 +70,9 @@ class Flight:
         self.journal = Journal(folder, record.WIDTH, 1 + 7 * n)
         self._rows = np.empty((CHUNK // self.model.series_every + 3, record.WIDTH))
         self._frame_steps = max(1, round(scene.flight.snapshot_every_s / self.model.dt))
-        sums = [SCHEMA, digest(), self.model.dt, scene.model_dump_json(), *(table.digest for table in tables.values())]
-        self._fingerprint = hashlib.sha256(repr(sums).encode()).hexdigest()
+        # The numbers that fly, too: they change with any edit of a material, the lattice or the mesh
+        digests = [digest(), numbers_digest(self.model), *(table.digest for table in tables.values())]
+        self._fingerprint = hashlib.sha256(repr([SCHEMA, scene.model_dump_json(), digests]).encode()).hexdigest()
 
     @property
     def wall_seconds(self) -> float:
@@ -242,21 +243,19 @@ def fly(scene: Scene, tables: dict[str, PressureTable]) -> tuple[Flight, End, di
 
 def main() -> None:
     """Fly the flexible sail of a scene and write its flight."""
-    parser = argparse.ArgumentParser(prog="python -m dynamics.membrane", description=main.__doc__)
-    parser.add_argument("--scene", required=True, help="YAML file of the scene")
-    parser.add_argument("--tables", nargs="*", default=[], help="pressure table of each design of the scene")
-    parser.add_argument("--out", required=True, type=Path, help="VTKHDF file to write")
-    parser.add_argument("--plan", help="JSON file for the plan of effects")
-    given = parser.parse_args()
+    more = {"--plan": "JSON file for the plan of effects"}
+    given = stage_arguments("dynamics.membrane", main.__doc__, "VTKHDF file to write", options=more)
+    out = Path(given.out)
     scene = read_scene(given.scene)
     tables = load_tables(given.tables, scene)
+    check_release(scene, tables)
     if given.plan:
         write_json(given.plan, {name: effect.model_dump() for name, effect in plan(scene).items()})
-    flight = Flight(scene, tables, given.out.with_name(given.out.name + ".partial"))
+    flight = Flight(scene, tables, out.with_name(out.name + ".partial"))
     if flight.resume():
         print(f"{scene.name}: going on from step {flight.step}", file=sys.stderr)
     end = flight.fly()
-    write_flight(given.out, flight.membrane.mesh, flight.frames(), flight.columns(), attributes(flight, end, tables))
+    write_flight(out, flight.membrane.mesh, flight.frames(), flight.columns(), attributes(flight, end, tables))
     flight.journal.remove()
     where = "" if end.reason == "finished" else f" ({end.detail}, near {np.array2string(end.position, precision=4)} m)"
     print(f"{scene.name}: {end.reason} at {end.time:.6g} s{where}, {end.step} steps")

@@ -7,13 +7,13 @@ writes the mesh for ParaView. Triangles run counter-clockwise seen from +z (down
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.command import stage_arguments
 from dynamics.scene import Sail, read_scene
 from optics.files import run_stage
 
@@ -148,16 +148,13 @@ def sail_mesh(sail: Sail) -> Mesh:
 
 def main() -> None:
     """Write the mesh of a scene's sail for ParaView."""
-    parser = argparse.ArgumentParser(prog="python -m dynamics.mesh", description="Write a sail's mesh for ParaView.")
-    parser.add_argument("--scene", required=True, help="scene file (YAML)")
-    parser.add_argument("--out", required=True, help="mesh to write (.vtkhdf)")
-    options = parser.parse_args()
+    arguments = stage_arguments("dynamics.mesh", main.__doc__, "VTKHDF file to write", tables=False)
     from dynamics.flight import write_mesh
 
-    sail = read_scene(options.scene).sail
+    sail = read_scene(arguments.scene).sail
     mesh = sail_mesh(sail)
     thickness = np.array([s.properties.thickness_m for s in sail.sectors])[mesh.sector]
-    write_mesh(options.out, mesh, {"sector": mesh.sector, "thickness": thickness})
+    write_mesh(arguments.out, mesh, {"sector": mesh.sector, "thickness": thickness})
 
 
 if __name__ == "__main__":

@@ -157,7 +157,7 @@ def time_step(scene: Scene, mesh: Mesh, lat: Lattice) -> float:
         return float(f"{min(MARGIN * 2.0 / omega, turn):.4e}")
     if flight.time_step_s >= bound:
         raise InputError(
-            f"scene '{scene.name}': flight.time_step_s = {flight.time_step_s:g}: must be below {bound:.5g} s, the "
+            f"{scene.name}.yaml: flight.time_step_s = {flight.time_step_s:g}: must be below {bound:.5g} s, the "
             f"stability bound of {flight.integrator} on this mesh (highest frequency {omega / (2 * math.pi):.5g} Hz)"
         )
     return flight.time_step_s
@@ -198,7 +198,7 @@ def _light_work(t: int) -> optical.LightWork:
     """Work space for t triangles; t is 0 where there is no light."""
     return optical.LightWork(
         frame=np.zeros((10, t)), q=np.zeros((t, 4)), held=np.zeros((3, t)), force=np.zeros((3, t + 1)),
-        incident=np.zeros(t + 1), absorbed=np.zeros(t + 1), outside=np.zeros(2, np.int64), direction=np.zeros(2),
+        incident=np.zeros(t + 1), absorbed=np.zeros(t + 1), outside=np.zeros(3, np.int64), direction=np.zeros(2),
         total=np.zeros(3),
     )
 

@@ -9,7 +9,6 @@ Differential Equations I, §II.5 and §II.10) with its dense output of order 7 f
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from collections.abc import Callable
@@ -25,6 +24,7 @@ from scipy.integrate import DOP853
 from dynamics import scene as scenes
 from dynamics.attitude import angles_from_rotation, rotation_from_quaternion
 from dynamics.beam import knots
+from dynamics.command import stage_arguments
 from dynamics.kernels.rigid import INSIDE, LIT_FROM_BEHIND, STATE
 from dynamics.rigid_body import RigidBody, rigid_body
 from dynamics.sail import check_release, load_tables, provenance, sail_shape
@@ -34,7 +34,6 @@ from optics.table import PressureTable
 Floats = NDArray[np.float64]
 
 COUNTS = ("end_reason", "steps", "evaluations", "clamped_steps", "wall_seconds")
-END_REASONS = ("finished", "left_table", "fly_away", "non_finite", "step_too_small")
 
 
 @dataclass(frozen=True)
@@ -228,11 +227,7 @@ def write(path: str | Path, flight: RigidFlight, scene: scenes.Scene, tables: di
 
 def main() -> None:
     """Fly the rigid sail of a scene and write its flight."""
-    parser = argparse.ArgumentParser(prog="python -m dynamics.rigid", description=main.__doc__)
-    parser.add_argument("--scene", required=True, help="YAML file of the scene")
-    parser.add_argument("--tables", nargs="*", default=[], help="pressure table of each design of the scene")
-    parser.add_argument("--out", required=True, help="HDF5 file to write")
-    arguments = parser.parse_args()
+    arguments = stage_arguments("dynamics.rigid", main.__doc__, "HDF5 file to write")
     scene = scenes.read_scene(arguments.scene)
     tables = load_tables(arguments.tables, scene)
     check_release(scene, tables)

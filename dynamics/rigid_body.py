@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 from dynamics import scene as scenes
 from dynamics.attitude import quaternion_from_angles, rotation_from_quaternion
 from dynamics.kernels import rigid as kernel
+from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.sail import SailShape, sail_shape
 from optics.files import InputError
 from optics.table import PressureTable, TableArrays
 
 Floats = NDArray[np.float64]
-
-LIGHT_SPEED = 299792458.0
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ choices that only serve to reproduce published runs are marked "published".
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import math
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from dynamics.command import stage_arguments
 from dynamics.materials import MATERIALS, Material
 from optics.files import InputError, Strict, read_model, run_stage, write_json
 
@@ -21,6 +21,7 @@ Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
 Angle = Annotated[float, Field(ge=0, lt=360)]
 
 
@@ -33,7 +34,7 @@ class Sector(Strict):
 
     from_deg: Angle
     material: str | Material
-    design: str | None = None
+    design: Name | None = None
     reflectance: Fraction | None = None
     g: Pair = [1.0, 0.0]
 
@@ -160,10 +161,11 @@ class Scene(Strict):
 
     incidence: 'sail_frame' sees the light in each element's own frame; 'yaw_blind' (published) uses the lab-frame pitch
     and roll whatever the yaw. lookup: 'smooth' or 'nearest' (published) entry of the table. absorptance: of the
-    'material' or of the 'table'. outside_table: 'stop' the run or 'clamp' (published) to the edge and count.
+    'material' or of the 'table'. outside_table: 'stop' the run or 'clamp' (published) to the edge and count; a grating
+    lit from behind ends it either way, a film is the same from both sides.
     """
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+    name: Name
     description: str
     sail: Sail
     beam: Beam
@@ -230,10 +232,7 @@ def plan(scene: Scene) -> dict[str, Effect]:
 
 def main() -> None:
     """Write which effects a scene calls for, each with its reason."""
-    parser = argparse.ArgumentParser(prog="python -m dynamics.scene", description=main.__doc__)
-    parser.add_argument("--scene", required=True, help="YAML file of the scene")
-    parser.add_argument("--out", required=True, help="JSON file to write")
-    arguments = parser.parse_args()
+    arguments = stage_arguments("dynamics.scene", main.__doc__, "JSON file to write", tables=False)
     effects = plan(read_scene(arguments.scene))
     write_json(arguments.out, {name: effect.model_dump() for name, effect in effects.items()})
 

@@ -6,6 +6,9 @@ import math
 
 import numba
 
+#: Speed of light in m/s, exact.
+LIGHT_SPEED = 299792458.0
+
 
 @numba.njit(cache=True, inline="always")
 def intensity(x: float, y: float, I0: float, w: float) -> float:

@@ -18,14 +18,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.kernels.beam import intensity
+from dynamics.kernels.beam import LIGHT_SPEED, intensity
 from dynamics.kernels.elastic import Floats, Indices
 from dynamics.kernels.triangles import total
 from optics.table import TableArrays, lookup_many
 
 Integers = NDArray[np.int64]
-
-LIGHT_SPEED = 299792458.0
 
 
 class Tables(NamedTuple):
@@ -52,7 +50,7 @@ class Light(NamedTuple):
     layout. absorptance, reflectance (t,): of the material and of sectors without a table; absorptance −1 takes the
     table's. ranges (s, 3): table (or −1), first and end triangle of each
     sector. intensity, radius, delay, rise, on: the beam, in SI. yaw_blind: incidence from the lab tilt alone. clamp:
-    count directions outside their table instead of stopping.
+    count directions outside their table instead of stopping, unless the light comes from behind.
     """
 
     corners: Indices
@@ -76,7 +74,8 @@ class LightWork(NamedTuple):
     """Work space: frame (10, t), response q (t, 4), held coefficients (3, t), force (3, t + 1), last column 0.
 
     incident, absorbed (t + 1,): power in W on and into each triangle at full ramp, last 0. outside: [how many
-    directions lay outside their table, first such triangle], direction: its u, v. total (3,): force in N.
+    directions lay outside their table, first such triangle, 1 if it is lit from behind, which ends a run even where
+    directions are clamped], direction: its u, v. total (3,): force in N.
     """
 
     frame: Floats
@@ -152,17 +151,34 @@ def _constant(light: Light, frame: Floats, q: Floats, begin: int, end: int) -> N
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _note_outside(work: LightWork, begin: int, end: int, count: int, first: int) -> None:
-    """Count directions outside their table, and triangles lit from behind, for which it holds no answer."""
+def _note_outside(work: LightWork, count: int, triangle: int, behind: bool) -> None:
+    """Count directions outside their table and keep the first such triangle; one lit from behind takes its place."""
+    if count > 0 and (work.outside[0] == 0 or (behind and work.outside[2] == 0)):
+        work.outside[1] = triangle
+        work.direction[0] = work.frame[8, triangle]
+        work.direction[1] = work.frame[9, triangle]
+    if count > 0 and behind:
+        work.outside[2] = 1
+    work.outside[0] += count
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _note_behind(work: LightWork, begin: int, end: int) -> None:
+    """Note triangles of a grating that are lit from behind, for which its table holds no answer."""
+    count, first = 0, -1
     for i in range(begin, end):
         if not work.frame[2, i] > 0.0:
             count += 1
-            first = i - begin if first < 0 else first
-    if count > 0 and work.outside[0] == 0:
-        work.outside[1] = begin + first
-        work.direction[0] = work.frame[8, begin + first]
-        work.direction[1] = work.frame[9, begin + first]
-    work.outside[0] += count
+            first = i if first < 0 else first
+    _note_outside(work, count, first, True)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _turn_over(work: LightWork, begin: int, end: int) -> None:
+    """A film is the same from behind: the force across it points the other way."""
+    for i in range(begin, end):
+        if work.frame[2, i] < 0.0:
+            work.q[i, 2] = -work.q[i, 2]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -186,7 +202,11 @@ def _respond(light: Light, work: LightWork) -> None:
             _constant(light, work.frame, work.q, begin, end)
         else:
             count, first = lookup_many(table(light.tables, k), u[begin:end], v[begin:end], work.q[begin:end])
-            _note_outside(work, begin, end, count, first)
+            _note_outside(work, count, begin + first, False)
+            if light.tables.axisymmetric[k]:
+                _turn_over(work, begin, end)
+            else:
+                _note_behind(work, begin, end)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -101,7 +101,9 @@ def response(
     out[1] = q_g * g[1] + q_r * g[0]
     out[2] = q_n
     if turn[2, 2] <= 0.0:
-        return LIT_FROM_BEHIND
+        if not tables[sail.table[s]].axisymmetric:
+            return LIT_FROM_BEHIND
+        out[2] = -q_n  # a film is the same from behind
     return INSIDE if inside else OUTSIDE_TABLE
 
 

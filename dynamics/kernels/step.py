@@ -119,7 +119,7 @@ def _light_up(model: Model, work: Work, x: Floats) -> int:
     """Add the light's forces to the acceleration, with new coefficients if flags[0] is 0; INTACT or LEFT_TABLE."""
     if work.flags[0] == 0:
         optical.refresh(model.light, work.light, x, work.sides)
-        if work.light.outside[0] > 0 and not model.light.clamp:
+        if work.light.outside[2] > 0 or (work.light.outside[0] > 0 and not model.light.clamp):
             work.flags[1] = work.light.outside[1]
             return failure.LEFT_TABLE
         work.flags[0] = 1

@@ -10,10 +10,11 @@ from scipy.sparse.linalg import lsqr
 from dynamics import lattice, rigid
 from dynamics.attitude import rotation_from_angles
 from dynamics.kernels import optical, thermal, triangles
+from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.kernels.record import COLUMNS
 from dynamics.membrane import Flight, fly
 from dynamics.mesh import sail_mesh
-from dynamics.rigid_body import LIGHT_SPEED, rigid_body
+from dynamics.rigid_body import rigid_body
 from dynamics.scene import Scene
 from tests.membranes import FIG6, altered, dark, film, small, steps
 from tests.synthetic import smooth_tables

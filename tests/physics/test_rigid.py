@@ -11,7 +11,8 @@ import pytest
 
 from dynamics import rigid, scene
 from dynamics.attitude import angles_from_rotation, rotation_from_angles, rotation_from_quaternion
-from dynamics.rigid_body import LIGHT_SPEED, rigid_body
+from dynamics.kernels.beam import LIGHT_SPEED
+from dynamics.rigid_body import rigid_body
 from dynamics.sail import sail_shape
 from optics.files import run_stage
 from tests.synthetic import smooth_tables

@@ -16,8 +16,9 @@ from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from dynamics import membrane, mesh
+from dynamics.materials import MATERIALS
 from dynamics.scene import Scene
-from optics.files import run_stage
+from optics.files import InputError, run_stage
 from tests.membranes import dark, small
 from tests.synthetic import smooth_tables
 
@@ -137,6 +138,63 @@ def test_a_checkpoint_of_another_flight_is_not_taken(tmp_path: Path):
     assert membrane.Flight(dark(2), {}, tmp_path).resume()
     assert not membrane.Flight(dark(2, flight={"duration_s": 0.2}), {}, tmp_path).resume()
     assert not (tmp_path / "rows").exists()
+
+
+def test_a_checkpoint_from_before_an_edit_of_a_material_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The scene only names the material: its file says the same before and after."""
+    sector = {"from_deg": 0.0, "material": "nitride_te", "reflectance": 0.5}
+    scene = dark(2, sail={"sectors": [sector]})
+    first = membrane.Flight(scene, {}, tmp_path)
+    first.advance()
+    first.checkpoint()
+    assert membrane.Flight(scene, {}, tmp_path).resume()
+    heavier = MATERIALS["nitride_te"].model_copy(update={"density_kg_m3": 2700.0001})
+    monkeypatch.setitem(MATERIALS, "nitride_te", heavier)
+    assert not membrane.Flight(scene, {}, tmp_path).resume()
+
+
+def spoil(name: str, checkpoint: Path) -> None:
+    """Damage the files of a flight in progress in one of the ways files are damaged."""
+    content = checkpoint.read_bytes()
+    if name == "archive without names":
+        np.savez(checkpoint, other=np.zeros(2))
+    elif name == "plain array":
+        with open(checkpoint, "wb") as stream:
+            np.save(stream, np.zeros(3))
+    elif name == "flipped bits":
+        middle = len(content) // 2
+        checkpoint.write_bytes(content[:middle] + bytes(255 - b for b in content[middle : middle + 64])
+                               + content[middle + 64 :])
+    elif name == "frames lost":
+        checkpoint.with_name("frames").unlink()
+    else:
+        left = {"empty": b"", "text": b"not a checkpoint", "cut off": content[: len(content) // 2]}
+        checkpoint.write_bytes(left[name])
+
+
+@pytest.mark.parametrize(
+    "damage", ["empty", "text", "cut off", "flipped bits", "archive without names", "plain array", "frames lost"]
+)
+def test_an_unreadable_checkpoint_counts_as_none(tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str):
+    first = membrane.Flight(dark(2), {}, tmp_path)
+    first.advance()
+    first.checkpoint()
+    spoil(damage, tmp_path / "checkpoint.npz")
+    again = membrane.Flight(dark(2), {}, tmp_path)
+    assert not again.resume()
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{tmp_path / 'checkpoint.npz'}: not a readable checkpoint")
+    assert again.step == 0
+    assert np.array_equal(again.state.x, again.model.rest)
+    assert not (tmp_path / "frames").exists()
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path):
+    place = tmp_path / "flight.vtkhdf.partial"
+    place.write_text("mine", encoding="utf-8")
+    with pytest.raises(InputError, match="must be a folder, for the flight in progress, or absent"):
+        membrane.Flight(dark(2), {}, place)
+    assert place.read_text(encoding="utf-8") == "mine"
 
 
 def test_paraview_can_look_at_the_mesh_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from optics.files import run_stage
+from tests.synthetic import smooth_tables
 
 ROOT = Path(__file__).parents[2]
 CELL = (ROOT / "workflow/designs/mark1e_te.yaml").read_text(encoding="utf-8")
@@ -78,6 +79,39 @@ def test_missing_tables(refused, tmp_path, module):
     foreign = tmp_path / "foreign.h5"
     foreign.write_text("not HDF5")
     assert refused(module, "--scene", scene, "--tables", str(foreign)).startswith(f"{foreign}: not a readable")
+
+
+@pytest.mark.parametrize("module", ["dynamics.rigid", "dynamics.membrane"])
+def test_a_release_outside_the_tables(refused, tmp_path, module):
+    scene = tmp_path / "fig6.yaml"
+    scene.write_text(SCENE.replace("pitch_deg: 2,", "pitch_deg: 30,"), encoding="utf-8")
+    for name, table in smooth_tables().items():
+        table.write(tmp_path / f"{name}.h5")
+    tables = [str(tmp_path / f"mark1e_{polarisation}.h5") for polarisation in ("te", "tm")]
+    line = refused(module, "--scene", str(scene), "--tables", *tables)
+    assert line.startswith("fig6.yaml: release.pitch_deg = 30, roll_deg = ")
+
+
+@pytest.mark.parametrize("module", DYNAMICS)
+@pytest.mark.parametrize("place", ["", "folder", "file/flight"])
+def test_motion_refuses_an_unusable_output_before_it_reads_or_computes(monkeypatch, capsys, tmp_path, module, place):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("mine", encoding="utf-8")
+    before = set(tmp_path.rglob("*"))
+    out = str(tmp_path / place) if place else ""
+    monkeypatch.setattr(sys, "argv", [module, "--scene", "none.yaml", "--out", out])
+    with pytest.raises(SystemExit) as caught:
+        run_stage(importlib.import_module(module).main)
+    assert caught.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: --out = ")
+    assert set(tmp_path.rglob("*")) == before
+
+
+def test_a_design_is_a_name_and_no_path(refused, tmp_path):
+    scene = tmp_path / "fig6.yaml"
+    scene.write_text(SCENE.replace("design: mark1e_te", "design: ../../x"), encoding="utf-8")
+    assert 'design = "../../x": String should match' in refused("dynamics.scene", "--scene", str(scene))
 
 
 def test_a_stage_run_as_a_program_ends_the_same_way(tmp_path):
