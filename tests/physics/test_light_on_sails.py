@@ -85,6 +85,10 @@ def test_a_flexible_specular_film_as_a_grating_is_the_film_of_constant_reflectan
     size = np.linalg.norm(column(want, "force"))
     for name in ("force", "torque"):
         assert np.abs(column(got, name) - column(want, name)).max() < 1e-6 * size
+    normal = turn[:, 2]
+    push = 2.0 * REFLECTANCE * normal[2] * normal + ABSORPTANCE * np.array([0.0, 0.0, 1.0])
+    closed = want[COLUMNS["power_incident"]] / LIGHT_SPEED * push
+    assert np.abs(column(want, "force") - closed).max() < 1e-12 * size
 
 
 # Light from behind
