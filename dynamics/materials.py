@@ -6,10 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from optics.files import Strict
-
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
+from optics.files import NonNegative, Positive, Strict
 
 
 class Material(Strict):

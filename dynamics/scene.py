@@ -15,13 +15,9 @@ from pydantic import Field, model_validator
 
 from dynamics.command import stage_arguments
 from dynamics.materials import MATERIALS, Material
-from optics.files import InputError, Strict, read_model, run_stage, write_json
+from optics.files import InputError, Name, NonNegative, Pair, Positive, Strict, read_model, run_stage, write_json
 
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
-Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
 Angle = Annotated[float, Field(ge=0, lt=360)]
 
 

@@ -7,11 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from optics.files import InputError, Strict, load_yaml, validate
-
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+from optics.files import InputError, Name, NonNegative, Pair, Positive, Strict, load_yaml, validate
 
 
 class Index(Strict):
@@ -41,7 +37,7 @@ class Metagrating(Strict):
     """
 
     kind: Literal["metagrating"]
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+    name: Name
     wavelength_nm: Positive
     electric_axis: Literal["g", "r"]
     period_nm: Positive
@@ -92,7 +88,7 @@ class ThinFilm(Strict):
     """A stack of homogeneous layers. 'mean' averages s and p (unpolarised light)."""
 
     kind: Literal["thin_film"]
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+    name: Name
     wavelength_nm: Positive
     polarisation: Literal["s", "p", "mean"] = "mean"
     layers: Annotated[list[Layer], Field(min_length=1)]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
-from optics.cells import Metagrating, Positive
-from optics.files import Strict
+from optics.cells import Metagrating
+from optics.files import Positive, Strict
 from optics.incidence import Floats
 
 # Where a face lies exactly on a grid point, rounding decides what Meep's averaging sees, and results jump by 1e-2
