@@ -22,5 +22,6 @@ rule all:
         [f"results/scenes/{scene}/plan.json" for scene in plan.scenes],
         plan.all_floquet,
         plan.all_flights,
+        plan.checks,
         [f"results/figures/{name}.{kind}" for name in plan.figures for kind in ("png", "svg")],
         "results/summary.csv",

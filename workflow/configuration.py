@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, Field
 
+from dynamics.attitude import rotation_from_angles
 from dynamics.scene import Scene, read_scene
 from optics.cells import Cell, Metagrating, read_cell
-from optics.files import InputError, Strict, validate
+from optics.files import InputError, Strict, load_yaml, validate
 
 SOURCE = "workflow/config.yaml"
 
@@ -54,12 +56,16 @@ def meep_installed() -> bool:
 
 @dataclass(frozen=True)
 class Plan:
-    """The configuration with the scenes and cells it names, all read and checked, and whether FDTD is run."""
+    """The configuration with the scenes and cells it names, all read and checked, and whether FDTD is run.
+
+    folder: that of the workflow, where scenes and designs lie.
+    """
 
     config: Config
     scenes: dict[str, Scene]
     cells: dict[str, Cell]
     fdtd: bool
+    folder: Path
 
     @property
     def gratings(self) -> list[str]:
@@ -78,16 +84,35 @@ class Plan:
 
     @property
     def fdtd_scenes(self) -> list[str]:
-        """Scenes of the stability analysis whose every grating has an FDTD table."""
-        return [s for s in self.config.floquet if set(self.scenes[s].sail.designs) <= {*self.fdtd_designs, *self.films}]
+        """Scenes whose stability is analysed again with FDTD tables: those that fly on modal ones of its designs."""
+        return [s for s in self.config.floquet if self.config.tables == "modal" and self._solved_by_fdtd(s)]
+
+    def _solved_by_fdtd(self, scene: str) -> bool:
+        """Has a scene gratings, and each of them an FDTD table?"""
+        gratings = set(self.scenes[scene].sail.designs) - set(self.films)
+        return bool(gratings) and gratings <= set(self.fdtd_designs)
+
+    def scene(self, name: str) -> Scene:
+        """A scene of the configuration, or any other in workflow/scenes, read and checked now."""
+        if name in self.scenes:
+            return self.scenes[name]
+        scene = read_scene(self.folder / "scenes" / f"{name}.yaml")
+        cells = {design: _read_cell(self.folder, design) for design in scene.sail.designs}
+        _refuse_tables(replace(self, scenes={name: scene}, cells=self.cells | cells))
+        return scene
+
+    def film(self, design: str) -> bool:
+        """Is a design, of the configuration or any other in workflow/designs, a plain film?"""
+        cell = self.cells.get(design) or _read_cell(self.folder, design)
+        return not isinstance(cell, Metagrating)
 
     def table(self, design: str, solver: str) -> str:
         """Path of a design's pressure table; a film's comes from the transfer matrix whatever the `solver`."""
-        return f"results/tables/{design}/{'thin_film' if design in self.films else solver}.h5"
+        return f"results/tables/{design}/{'thin_film' if self.film(design) else solver}.h5"
 
     def tables(self, scene: str, solver: str | None = None) -> list[str]:
         """Paths of the tables that a scene flies on."""
-        return [self.table(design, solver or self.config.tables) for design in self.scenes[scene].sail.designs]
+        return [self.table(design, solver or self.config.tables) for design in self.scene(scene).sail.designs]
 
     def parts(self, design: str) -> list[str]:
         """Paths of the blocks of directions that a design's FDTD table is merged from."""
@@ -111,6 +136,11 @@ class Plan:
         return rigid + [f"results/scenes/{scene}/flight.vtkhdf" for scene in self.config.flight]
 
     @property
+    def checks(self) -> list[str]:
+        """Path of the comparison of FDTD with the modal method, where both are there to compare."""
+        return ["results/checks.json"] if self.fdtd_designs else []
+
+    @property
     def benchmarks(self) -> list[str]:
         """Paths of the benchmark files of all of these, the parts and directions of FDTD included."""
         parts = [path for design in self.fdtd_designs for path in self.parts(design)]
@@ -128,16 +158,72 @@ class Plan:
         return names + (["flights"] if self.all_flights else [])
 
 
+def _refuse_tables(plan: Plan) -> None:
+    """InputError where a scene is to fly on FDTD tables that are not made."""
+    for name, scene in plan.scenes.items() if plan.config.tables == "fdtd" else ():
+        missing = [d for d in scene.sail.designs if d not in (*plan.fdtd_designs, *plan.films)]
+        for design in missing:
+            why = "name it in fdtd_designs" if plan.fdtd else "FDTD is off or Meep is not installed"
+            raise InputError(f"{SOURCE}: tables = 'fdtd': scene '{name}' has no FDTD table of '{design}': {why}")
+
+
+def _refuse_ranges(plan: Plan) -> None:
+    """InputError where a table would reach beyond the circle of directions, or FDTD's beyond the modal one."""
+    modal, fdtd = plan.config.modal, plan.config.fdtd_grid
+    for key, grid in (("modal", modal), ("fdtd_grid", fdtd)):
+        square = grid.u_max**2 + grid.v_max**2
+        if square >= 1:
+            raise InputError(f"{SOURCE}: {key}: u_max² + v_max² = {square:.4g}: must be less than 1: no light beyond")
+    for axis in ("u_max", "v_max") if plan.fdtd_designs else ():
+        wide, most = getattr(fdtd, axis), getattr(modal, axis)
+        if wide > most:
+            raise InputError(f"{SOURCE}: fdtd_grid.{axis} = {wide:g}: must be at most modal.{axis} = {most:g}")
+
+
+def _refuse_tilts(plan: Plan) -> None:
+    """InputError where a scene is released with the light from beyond the range of the tables it flies on."""
+    key = "modal" if plan.config.tables == "modal" else "fdtd_grid"
+    grid = plan.config.modal if key == "modal" else plan.config.fdtd_grid
+    for name in dict.fromkeys([*plan.config.rigid, *plan.config.flight]):
+        scene = plan.scenes[name]
+        gratings = [] if scene.outside_table == "clamp" else set(scene.sail.designs) & set(plan.gratings)
+        release = scene.release
+        tilt = rotation_from_angles(np.radians(release.roll_deg), np.radians(release.pitch_deg), 0.0)
+        for sector in scene.sail.sectors:
+            u, v = (float(tilt[2, :2] @ axis) for axis in (sector.g, (-sector.g[1], sector.g[0])))
+            if sector.design in gratings and (abs(u) > grid.u_max or abs(v) > grid.v_max):
+                raise InputError(
+                    f"{SOURCE}: {key}: u_max = {grid.u_max:g}, v_max = {grid.v_max:g}: too small for the release "
+                    f"of scene '{name}', light from u = {u:.4g}, v = {v:.4g} on '{sector.design}'; widen it, tilt "
+                    "less, or set outside_table: clamp"
+                )
+
+
 def _refuse(plan: Plan) -> None:
     """InputError where the parts of the configuration contradict each other."""
     for i, design in enumerate(plan.config.fdtd_designs):
         if design not in plan.gratings:
             raise InputError(f"{SOURCE}: fdtd_designs.{i} = {design!r}: must be a metagrating; FDTD solves no films")
-    for scene in plan.scenes if plan.config.tables == "fdtd" else ():
-        missing = [d for d in plan.scenes[scene].sail.designs if d not in (*plan.fdtd_designs, *plan.films)]
-        for design in missing:
-            why = "name it in fdtd_designs" if plan.fdtd else "FDTD is off or Meep is not installed"
-            raise InputError(f"{SOURCE}: tables = 'fdtd': scene '{scene}' has no FDTD table of '{design}': {why}")
+    _refuse_tables(plan)
+    _refuse_ranges(plan)
+    _refuse_tilts(plan)
+
+
+def _read_cell(folder: Path, design: str) -> Cell:
+    path = folder / "designs" / f"{design}.yaml"
+    cell = read_cell(path)
+    if cell.name != design:
+        raise InputError(f"{path}: name = '{cell.name}': must be the file's own name, '{design}'")
+    return cell
+
+
+def read_config(path: str | Path) -> dict[str, Any]:
+    """Content of a configuration file, not yet validated; InputError where it is no mapping of keys to values."""
+    data = load_yaml(path)
+    if not isinstance(data, dict):
+        given = "empty" if data is None else f"a {type(data).__name__}"
+        raise InputError(f"{path}: must map keys ({', '.join(Config.model_fields)}) to values; it is {given}")
+    return data
 
 
 def read_plan(data: dict[str, Any], root: str | Path = ".") -> Plan:
@@ -147,12 +233,8 @@ def read_plan(data: dict[str, Any], root: str | Path = ".") -> Plan:
     names = dict.fromkeys([*config.floquet, *config.rigid, *config.flight])
     scenes = {name: read_scene(folder / "scenes" / f"{name}.yaml") for name in names}
     used = [design for scene in scenes.values() for design in scene.sail.designs]
-    cells = {}
-    for design in dict.fromkeys([*config.designs, *config.fdtd_designs, *used]):
-        path = folder / "designs" / f"{design}.yaml"
-        cells[design] = read_cell(path)
-        if cells[design].name != design:
-            raise InputError(f"{path}: name = '{cells[design].name}': must be the file's own name, '{design}'")
-    plan = Plan(config, scenes, cells, meep_installed() if config.fdtd == "auto" else config.fdtd)
+    designs = dict.fromkeys([*config.designs, *config.fdtd_designs, *used])
+    cells = {design: _read_cell(folder, design) for design in designs}
+    plan = Plan(config, scenes, cells, meep_installed() if config.fdtd == "auto" else config.fdtd, folder)
     _refuse(plan)
     return plan

@@ -55,7 +55,7 @@ def _outputs(folder: Path) -> list[str]:
     figures = [f"results/figures/{name}.{kind}" for name in plan.figures for kind in ("png", "svg")]
     summary = ["results/summary.csv", "results/summary.html"]
     stages = [*plan.all_tables, *parts, *nodes, *plans, *plan.all_floquet, *plan.all_flights]
-    return [*stages, *plan.benchmarks, *figures, *summary]
+    return [*stages, *plan.benchmarks, *plan.checks, *figures, *summary]
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_all_stages_are_run_the_first_time(new):
         "fdtd_part": plan.config.fdtd_parts * len(plan.fdtd_designs), "fdtd_table": len(plan.fdtd_designs),
         "scene_plan": len(plan.scenes), "floquet": len(plan.config.floquet), "floquet_fdtd": len(plan.fdtd_scenes),
         "rigid": len(plan.config.rigid), "flight": len(plan.config.flight), "pressure_figure": len(plan.gratings),
-        "fdtd_figure": 1, "multipliers_figure": 1, "flights_figure": 1, "summary": 1,
+        "fdtd_figure": 1, "multipliers_figure": 1, "flights_figure": 1, "summary": 1, "checks": 1,
         "snapshots_figure": len(plan.config.flight),
     }
 
@@ -120,7 +120,7 @@ FLIGHTS = {"flights_figure", "snapshots_figure"}
     ("name", "rules"),
     [
         ("optics/thin_film.py", {"thin_film_table", *LAST}),
-        ("optics/fdtd.py", {"fdtd_part", "fdtd_table", "floquet_fdtd", "fdtd_figure", *MAPS, *LAST}),
+        ("optics/fdtd.py", {"fdtd_part", "fdtd_table", "floquet_fdtd", "fdtd_figure", "checks", *MAPS, *LAST}),
         ("dynamics/membrane.py", {"flight", *FLIGHTS, *LAST}),
         ("workflow/figures/multipliers.py", {"multipliers_figure", "all"}),
         ("workflow/designs/wide_gap_te.yaml", {"modal_table", "floquet", *MAPS, *LAST}),
@@ -133,7 +133,7 @@ def test_an_edit_runs_the_stages_that_import_the_file_and_what_follows(done, edi
 
 def test_fdtd_is_not_run_again_where_an_edit_leaves_its_directions_as_they_were(done, edit):
     edit("optics/modal.py")
-    expected = {"modal_table", "floquet", "rigid", "flight", "fdtd_figure", *MAPS, *FLIGHTS, *LAST}
+    expected = {"modal_table", "floquet", "rigid", "flight", "fdtd_figure", "checks", *MAPS, *FLIGHTS, *LAST}
     before = _jobs(done)
     assert set(before) >= {*expected, "fdtd_nodes"}
     assert "thin_film_table" not in before
@@ -156,11 +156,13 @@ def test_a_scene_depends_on_the_tables_of_its_designs_alone(done, edit):
         ("tables: modal", "tables: model", "error: workflow/config.yaml: tables = \"model\": must be 'modal'"),
         ("rigid: [", "rigid: [fig7, ", "error: workflow/scenes/fig7.yaml: no such file"),
         ("tables: modal", "tables: [", "error: workflow/config.yaml, line "),
+        (None, "# nothing\n", "error: workflow/config.yaml: must map keys (designs, tables, "),
+        (None, "- tables: modal\n", "error: workflow/config.yaml: must map keys (designs, tables, "),
     ],
 )
 def test_a_wrong_configuration_ends_snakemake_with_one_line(tmp_path, old, new, message):
     config = _copy(tmp_path) / "workflow/config.yaml"
-    config.write_text(config.read_text().replace(old, new))
+    config.write_text(config.read_text().replace(old, new) if old else new)
     result = _snakemake(tmp_path, "--dry-run")
     assert result.returncode == 2
     (line,) = (result.stdout + result.stderr).splitlines()
@@ -173,3 +175,14 @@ def test_without_fdtd_the_workflow_says_so(new):
     text = result.stdout + result.stderr
     assert "FDTD left out, everything else runs: fdtd: false" in text
     assert "optics.fdtd" not in text
+
+
+def test_a_scene_that_the_configuration_does_not_name_can_be_made(tmp_path):
+    scenes = _copy(tmp_path) / "workflow/scenes"
+    fig6 = (scenes / "fig6.yaml").read_text(encoding="utf-8")
+    (scenes / "own.yaml").write_text(fig6.replace("name: fig6", "name: own"), encoding="utf-8")
+    assert _jobs(tmp_path, "--", "results/scenes/own/rigid.h5") == {"modal_table": 2, "rigid": 1}
+    result = _snakemake(tmp_path, "--dry-run", "--config", "fdtd=false", "--", "results/scenes/none/rigid.h5")
+    assert result.returncode == 2
+    assert result.stderr.splitlines()[-1] == "error: workflow/scenes/none.yaml: no such file"
+    assert not re.search("Traceback|Error|Exception", result.stdout + result.stderr)

@@ -1,10 +1,11 @@
 """Everything the workflow is given is valid, and it says in one line what is not."""
 
+import shutil
 from pathlib import Path
 
 import pytest
 
-from dynamics.scene import read_scene
+from dynamics.scene import Scene, read_scene
 from optics.cells import read_cell
 from optics.files import InputError, load_yaml
 from workflow.configuration import read_plan
@@ -33,6 +34,9 @@ def test_scenes_named_published_differ_from_their_twins_in_the_published_choices
             assert (ours.incidence, theirs.incidence) == ("sail_frame", "yaw_blind")
 
 
+WIDE = {"u_max": 0.18, "v_max": 0.18, "tolerance": 0.01}
+
+
 def _plan(**changes):
     return read_plan({**CONFIG, "fdtd": True, **changes}, WORKFLOW.parent)
 
@@ -51,6 +55,46 @@ def test_without_fdtd_nothing_of_it_is_asked_for():
     everything = [*plan.all_tables, *plan.all_floquet, *plan.all_flights, *plan.benchmarks]
     assert everything
     assert not [path for path in everything if "fdtd" in path]
+    assert (plan.checks, _plan().checks) == ([], ["results/checks.json"])
+
+
+def _with_scene(folder: Path, name: str, design: str, **changes):
+    """A plan with a further scene, of fig6 with one design throughout, in a copy of the workflow's files."""
+    for kind in ("scenes", "designs"):
+        shutil.copytree(WORKFLOW / kind, folder / "workflow" / kind)
+    scene = read_scene(WORKFLOW / "scenes/fig6.yaml").model_dump()
+    for sector in scene["sail"]["sectors"]:
+        sector["design"] = design
+    path = folder / "workflow/scenes" / f"{name}.yaml"
+    path.write_text(Scene.model_validate({**scene, "name": name}).model_dump_json(), encoding="utf-8")
+    return read_plan({**CONFIG, "fdtd": True, **changes}, folder)
+
+
+@pytest.mark.parametrize(("design", "fdtd", "again"), [("si43", False, False), ("si43", True, False),
+                                                      ("mark1e_te", False, False), ("mark1e_te", True, True)])
+def test_stability_is_analysed_again_where_fdtd_solved_a_grating(tmp_path, design, fdtd, again):
+    plan = _with_scene(tmp_path, "own", design, floquet=["own"], fdtd=fdtd)
+    assert ("results/scenes/own/floquet_fdtd.json" in plan.all_floquet) is again
+
+
+def test_a_scene_outside_the_configuration_can_be_asked_for(tmp_path):
+    plan = _with_scene(tmp_path, "own", "wide_gap_te", floquet=["fig6"])
+    assert "wide_gap_te" not in plan.cells
+    assert plan.tables("own") == ["results/tables/wide_gap_te/modal.h5"]
+    assert not any("own" in path for path in [*plan.all_floquet, *plan.all_flights])
+    with pytest.raises(InputError, match=r"scenes/nothing.yaml: no such file"):
+        plan.tables("nothing")
+
+
+def test_a_scene_outside_the_configuration_is_refused_without_its_fdtd_tables(tmp_path):
+    plan = _with_scene(tmp_path, "own", "wide_gap_te", tables="fdtd", floquet=["fig6"])
+    with pytest.raises(InputError, match=r"scene 'own' has no FDTD table of 'wide_gap_te': name it in fdtd_designs"):
+        plan.tables("own")
+
+
+def test_with_fdtd_tables_alone_stability_is_analysed_once():
+    plan = _plan(tables="fdtd", floquet=["fig6"])
+    assert plan.all_floquet == ["results/scenes/fig6/floquet.json"]
 
 
 def test_scenes_fly_on_the_tables_that_the_configuration_names():
@@ -71,6 +115,11 @@ def test_scenes_fly_on_the_tables_that_the_configuration_names():
         ({"designs": ["gold"]}, r"designs/gold.yaml: no such file"),
         ({"fdtd_designs": ["si43"]}, r"fdtd_designs.0 = 'si43': must be a metagrating"),
         ({"tables": "fdtd", "fdtd_designs": []}, r"tables = 'fdtd': scene '\w+' has no FDTD table of 'mark1e_tm'"),
+        ({"modal": {**WIDE, "u_max": 0.8, "v_max": 0.6}}, r"yaml: modal: u_max² \+ v_max² = 1: must be less than 1"),
+        ({"fdtd_grid": {**WIDE, "u_max": 0.8, "v_max": 0.7}}, r"config.yaml: fdtd_grid: u_max² \+ v_max² = 1.13"),
+        ({"fdtd_grid": {**WIDE, "v_max": 0.43}}, r"fdtd_grid.v_max = 0.43: must be at most modal.v_max = 0.4227"),
+        ({"modal": {**WIDE, "u_max": 0.02}, "fdtd": False}, r"modal: u_max = 0.02, .* of scene 'fig6'.* 0.03488"),
+        ({"tables": "fdtd", "fdtd_grid": {**WIDE, "v_max": 0.03}, "floquet": []}, r"fdtd_grid: .* v_max = 0.03: too"),
         ({"tables": "fdtd", "fdtd": False}, r"FDTD is off or Meep is not installed"),
     ],
 )

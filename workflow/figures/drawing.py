@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import h5py
 import matplotlib as mpl
@@ -52,6 +53,13 @@ def save(figure: Figure, png: Path, svg: Path) -> None:
     with atomic(svg) as temporary:
         figure.savefig(temporary, format="svg", metadata={"Date": None})
     plt.close(figure)
+
+
+def solver(floquet: dict[str, Any]) -> str:
+    """The solver of the tables behind a stability analysis, from its own record; films' only where they are alone."""
+    used = list(dict.fromkeys(table["solver"] for table in floquet["tables"].values()))
+    gratings = [name for name in used if name != "thin_film"] or used
+    return " and ".join({"fdtd": "FDTD", "thin_film": "thin-film"}.get(name, name) for name in gratings) or "no"
 
 
 def read_series(path: Path) -> dict[str, Floats]:

@@ -12,28 +12,38 @@ Series = dict[str, Floats]
 MODELS = (("rigid", BLUE, 1.8), ("flexible", ORANGE, 0.8))
 
 
-def _path(axes: Axes, flights: dict[str, Series], until: float) -> None:
+def _span(flights: dict[str, Series]) -> tuple[float, float]:
+    """From release to the end of the shorter flight; all there is where none lived to be released."""
+    ends = [series["time"][-1] for series in flights.values()]
+    released = [end for end in ends if end >= 0]
+    return (0.0, min(released)) if released else (min(series["time"][0] for series in flights.values()), max(ends))
+
+
+def _path(axes: Axes, flights: dict[str, Series], span: tuple[float, float]) -> None:
     for name, colour, width in MODELS:
         if name in flights:
             time, position = flights[name]["time"], flights[name]["position"] * 100
-            shown = (time >= 0) & (time <= until)
-            if time[-1] > until:
+            shown = (time >= span[0]) & (time <= span[1])
+            if time[-1] > span[1]:
                 label = f"{name}, to {time[-1]:.3g} s"
-                axes.plot(*position[time >= until, :2].T, color=colour, lw=0.4, alpha=0.4, label=label)
-            axes.plot(*position[shown, :2].T, color=colour, lw=width, label=f"{name}, to {until:.3g} s")
-            axes.plot(*position[shown][0, :2], "k+", ms=9)
+                axes.plot(*position[time >= span[1], :2].T, color=colour, lw=0.4, alpha=0.4, label=label)
+            label = f"{name}, to {min(time[-1], span[1]):.3g} s"
+            axes.plot(*position[shown, :2].T, color=colour, lw=width, label=label)
+            axes.plot(*position[shown][:1, :2].T, "k+", ms=9)
     axes.set(xlabel="x (cm)", ylabel="y (cm)", aspect="equal")
     axes.set_adjustable("datalim")
     axes.legend()
 
 
-def _tilt(axes: Axes, flights: dict[str, Series], angle: str, until: float) -> None:
+def _tilt(axes: Axes, flights: dict[str, Series], angle: str, span: tuple[float, float]) -> None:
     for name, colour, width in MODELS:
         if name in flights:
-            shown = (flights[name]["time"] >= 0) & (flights[name]["time"] <= until)
+            shown = (flights[name]["time"] >= span[0]) & (flights[name]["time"] <= span[1])
             degrees = np.degrees(flights[name][angle][shown])
             axes.plot(flights[name]["time"][shown], degrees, color=colour, lw=width, label=name)
-    axes.set(xlabel="time since release (s)", ylabel=f"{angle} (°)", xlim=(0, until))
+    axes.set(xlabel="time since release (s)", ylabel=f"{angle} (°)")
+    if span[0] < span[1]:
+        axes.set_xlim(*span)
 
 
 def _temperature(axes: Axes, flexible: Series | None) -> None:
@@ -51,11 +61,11 @@ def draw(scenes: dict[str, dict[str, Series]]) -> Figure:
     size = (5.2 * len(scenes), 11)
     figure, grid = plt.subplots(4, len(scenes), figsize=size, squeeze=False, height_ratios=[2, 1, 1, 1])
     for column, (scene, flights) in zip(grid.T, scenes.items(), strict=True):
-        until = min(series["time"][-1] for series in flights.values())
+        span = _span(flights)
         column[0].set_title(scene)
-        _path(column[0], flights, until)
-        _tilt(column[1], flights, "pitch", until)
-        _tilt(column[2], flights, "roll", until)
+        _path(column[0], flights, span)
+        _tilt(column[1], flights, "pitch", span)
+        _tilt(column[2], flights, "roll", span)
         _temperature(column[3], flights.get("flexible"))
     return figure
 

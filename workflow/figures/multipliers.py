@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
-from drawing import COLOURS, named, parser, plt, save
+from drawing import COLOURS, named, parser, plt, save, solver
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -28,37 +29,48 @@ def _limits(points: np.ndarray) -> tuple[tuple[float, float], tuple[float, float
 
 
 def _alike(results: dict[str, dict]) -> dict[str, list[str]]:
-    """Scenes by the multipliers they share: a different release, say, changes nothing here."""
+    """Spinning scenes by the multipliers they share: a different release, say, changes nothing here."""
     groups: dict[str, list[str]] = {}
     for name, result in results.items():
+        if not result["multipliers"]:
+            continue
         groups.setdefault(json.dumps(np.round(result["multipliers"], 9).tolist()), []).append(name)
     return {names[0]: names for names in groups.values()}
+
+
+def _plot(panels: tuple[Axes, ...], results: dict[str, dict], fdtd: dict[str, dict]) -> list[np.ndarray]:
+    """Draw every multiplier; return them, an array for each set."""
+    every = []
+    for i, (name, names) in enumerate(_alike(results).items()):
+        colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
+        for data in (results[name], fdtd.get(name)):
+            if data is None or not data["multipliers"]:
+                continue
+            every.append(np.array(data["multipliers"]) @ [1, 1j])
+            tables = solver(data)
+            style: dict[str, Any] = {"mfc": "none", "ms": 8} if tables == "FDTD" else {"mfc": colour, "ms": 4}
+            verdict = f"{data['verdict'].replace('_', ' ')}, max |λ| = {data['max_modulus']:.5f}"
+            label = f"{', '.join(names)} ({tables} tables): {verdict}"
+            for axes in panels:
+                axes.plot(every[-1].real, every[-1].imag, marker, color=colour, ls="none", label=label, **style)
+    return every
 
 
 def draw(results: dict[str, dict], fdtd: dict[str, dict]) -> Figure:
     """The unit circle, and beside it the upper half near 1; filled: modal tables, open and larger: FDTD tables."""
     figure, (whole, near) = plt.subplots(1, 2, figsize=(10.5, 4.8), width_ratios=[1, 1.25])
-    every = []
-    for i, (name, names) in enumerate(_alike(results).items()):
-        colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
-        for solver, data in (("modal", results[name]), ("FDTD", fdtd.get(name))):
-            if data is None:
-                continue
-            points = np.array(data["multipliers"]) @ [1, 1j]
-            every.append(points)
-            face = colour if solver == "modal" else "none"
-            size = 4 if solver == "modal" else 8
-            verdict = f"{data['verdict'].replace('_', ' ')}, max |λ| = {data['max_modulus']:.5f}"
-            label = f"{', '.join(names)} ({solver} tables): {verdict}"
-            for axes in (whole, near):
-                axes.plot(points.real, points.imag, marker, color=colour, mfc=face, ms=size, ls="none", label=label)
+    every = _plot((whole, near), results, fdtd)
     for axes in (whole, near):
         _circle(axes)
     whole.set_ylabel("Im λ")
-    limits = _limits(np.concatenate(every))
-    near.set(xlim=limits[0], ylim=limits[1], title="near 1, upper half", aspect="auto")
     whole.set_title("multipliers λ of one turn, and the unit circle")
-    figure.legend(*near.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    near.set_title("near 1, upper half")
+    if every:
+        limits = _limits(np.concatenate(every))
+        near.set(xlim=limits[0], ylim=limits[1], aspect="auto")
+        figure.legend(*near.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    else:
+        near.set_title("no sail spins: none has multipliers")
     return figure
 
 

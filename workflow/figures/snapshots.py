@@ -34,7 +34,7 @@ class Snapshot:
 
 
 def read(path: Path) -> list[Snapshot]:
-    """COUNT snapshots from release to the end of a transient VTKHDF unstructured grid with fixed triangles."""
+    """COUNT snapshots from release, or from the start if it never came, to the end of a transient VTKHDF grid."""
     try:
         file = h5py.File(path)
     except OSError as error:
@@ -43,7 +43,7 @@ def read(path: Path) -> list[Snapshot]:
         grid = file["VTKHDF"]
         steps, cells = grid["Steps"], grid["CellData/temperature"]
         times = steps["Values"][()]
-        released = np.flatnonzero(times >= 0)
+        released = np.flatnonzero(times >= 0) if times[-1] >= 0 else np.arange(times.size)
         chosen = np.unique(released[np.linspace(0, released.size - 1, COUNT).round().astype(int)])
         n, m = int(grid["NumberOfPoints"][0]), int(grid["NumberOfCells"][0])
         triangles = grid["Connectivity"][: 3 * m].reshape(m, 3)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from drawing import read_series
+from drawing import read_series, solver
 
 from optics.files import atomic, run_stage
 from optics.table import PressureTable
@@ -49,10 +49,16 @@ def difference_rows(modal: Path, fdtd: Path) -> Iterator[Row]:
 
 
 def stability_rows(path: Path) -> Iterator[Row]:
-    """Verdict and multipliers of results/scenes/SCENE/floquet*.json; of conjugate pairs the upper one."""
+    """Verdict and multipliers (without spin: exponents) of a stability analysis; of conjugate pairs the upper one."""
     data = json.loads(path.read_text())
-    of = f"{path.parent.name}, {'FDTD' if path.stem.endswith('fdtd') else 'modal'} tables"
+    of = f"{path.parent.name}, {solver(data)} tables"
     yield "stability", of, "verdict", data["verdict"].replace("_", " "), ""
+    if data["max_modulus"] is None:
+        rates = data["exponents_1_s"]
+        yield "stability", of, "largest growth rate", _number(max(re for re, _ in rates)), "1/s"
+        upper = [f"{re:.4g}{im:+.4g}i" for re, im in sorted(rates) if im >= 0]
+        yield "stability", of, "exponents, Im ≥ 0", ", ".join(upper), "1/s"
+        return
     yield "stability", of, "largest |λ|", f"{data['max_modulus']:.7g}", ""
     upper = [f"{re:.5f}{im:+.5f}i" for re, im in sorted(data["multipliers"]) if im >= 0]
     yield "stability", of, "multipliers, Im λ ≥ 0", ", ".join(upper), ""
@@ -75,16 +81,20 @@ def flight_rows(path: Path) -> Iterator[Row]:
             yield "flight", of, f"largest {name.removesuffix('_max')}", _number(series[name].max()), unit
 
 
+def _stage(path: Path) -> tuple[str, str]:
+    """Scene or design, and stage, of a benchmark file; the parts of one FDTD table are one stage."""
+    if path.parent.name == "fdtd":
+        return path.parent.parent.name, "fdtd, all parts" if path.stem.startswith("part") else f"fdtd {path.stem}"
+    return path.parent.name, "fdtd merge" if path.stem == "fdtd" else path.stem
+
+
 def wall_rows(paths: list[Path]) -> Iterator[Row]:
-    """Wall time of every stage from Snakemake's benchmark files; the parts of one FDTD table are added up."""
+    """Wall time of every stage from Snakemake's benchmark files."""
     seconds: dict[tuple[str, str], list[float]] = {}
     for path in paths:
         with open(path, encoding="utf-8") as stream:
             first = next(csv.DictReader(stream, delimiter="\t"))
-        in_parts = path.parent.name == "fdtd"
-        design = path.parent.parent.name if in_parts else path.parent.name
-        stage = "fdtd, all parts" if path.stem.startswith("part") else f"fdtd {path.stem}" if in_parts else path.stem
-        seconds.setdefault((design, stage), []).append(float(first["s"]))
+        seconds.setdefault(_stage(path), []).append(float(first["s"]))
     for (of, stage), times in seconds.items():
         yield "wall time", of, stage, _number(sum(times)), "s"
     yield "wall time", "all stages", "sum over jobs", _number(sum(map(sum, seconds.values()))), "s"

@@ -9,8 +9,8 @@ from snakemake.logging import logger
 # The project's own modules are those beside this workflow, whichever copy of it is installed.
 sys.path.insert(0, workflow.basedir)
 
-from optics.files import InputError, load_yaml
-from workflow.configuration import SOURCE, read_plan
+from optics.files import InputError
+from workflow.configuration import SOURCE, read_config, read_plan
 from workflow.sources import digest, sources
 
 # Jobs run the Python that runs Snakemake, each on one core; a job imports the modules of the folder it runs in.
@@ -19,16 +19,16 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "
     os.environ[variable] = "1"
 
 
-def checked(read, what):
-    """`read(what)`; a user's mistake ends Snakemake with one line."""
+def checked(read, *what):
+    """`read(*what)`; a user's mistake ends Snakemake with one line."""
     try:
-        return read(what)
+        return read(*what)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None
 
 
-checked(load_yaml, SOURCE)
+checked(read_config, SOURCE)
 
 
 configfile: SOURCE
@@ -44,6 +44,11 @@ if not plan.fdtd:
 def grid(settings):
     """Command-line arguments of a table's range and tolerance."""
     return f"--u-max {settings.u_max} --v-max {settings.v_max} --tolerance {settings.tolerance}"
+
+
+def flown(wildcards):
+    """Tables that a scene flies on."""
+    return checked(plan.tables, wildcards.scene)
 
 
 def nodes(wildcards):

@@ -4,7 +4,7 @@
 rule rigid:
     input:
         scene="workflow/scenes/{scene}.yaml",
-        tables=lambda wildcards: plan.tables(wildcards.scene),
+        tables=flown,
         sources=sources("dynamics.rigid"),
     output:
         "results/scenes/{scene}/rigid.h5",
@@ -26,7 +26,7 @@ rule rigid:
 rule flight:
     input:
         scene="workflow/scenes/{scene}.yaml",
-        tables=lambda wildcards: plan.tables(wildcards.scene),
+        tables=flown,
         sources=sources("dynamics.membrane"),
     output:
         "results/scenes/{scene}/flight.vtkhdf",

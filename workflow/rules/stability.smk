@@ -1,4 +1,4 @@
-"""Which effects a scene calls for, and is the spinning sail stable: from the modal tables, and again from those of FDTD."""
+"""Which effects a scene calls for, and is the spinning sail stable: from the tables it flies on, and again from those of FDTD."""
 
 
 rule scene_plan:
@@ -24,7 +24,7 @@ rule scene_plan:
 rule floquet:
     input:
         scene="workflow/scenes/{scene}.yaml",
-        tables=lambda wildcards: plan.tables(wildcards.scene),
+        tables=flown,
         sources=sources("dynamics.floquet"),
     output:
         "results/scenes/{scene}/floquet.json",
@@ -45,7 +45,7 @@ rule floquet:
 use rule floquet as floquet_fdtd with:
     input:
         scene="workflow/scenes/{scene}.yaml",
-        tables=lambda wildcards: plan.tables(wildcards.scene, "fdtd"),
+        tables=lambda wildcards: checked(plan.tables, wildcards.scene, "fdtd"),
         sources=sources("dynamics.floquet"),
     output:
         "results/scenes/{scene}/floquet_fdtd.json",
@@ -55,3 +55,28 @@ use rule floquet as floquet_fdtd with:
         "results/benchmarks/scenes/{scene}/floquet_fdtd.tsv"
     message:
         "Stability of {wildcards.scene} from FDTD tables"
+
+
+# Fails where the two solvers disagree: something is wrong with one of them, or with the settings of FDTD.
+rule checks:
+    input:
+        modal=[plan.table(design, "modal") for design in plan.fdtd_designs],
+        fdtd=[plan.table(design, "fdtd") for design in plan.fdtd_designs],
+        floquet=[f"results/scenes/{scene}/floquet.json" for scene in plan.fdtd_scenes],
+        floquet_fdtd=[f"results/scenes/{scene}/floquet_fdtd.json" for scene in plan.fdtd_scenes],
+        sources=sources("workflow/checks.py"),
+    output:
+        "results/checks.json",
+    log:
+        "results/logs/checks.log",
+    benchmark:
+        "results/benchmarks/checks.tsv"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "FDTD against the modal method"
+    shell:
+        "python workflow/checks.py --modal {input.modal} --fdtd {input.fdtd}"
+        " --floquet {input.floquet} --floquet-fdtd {input.floquet_fdtd} --out {output} > {log} 2>&1"

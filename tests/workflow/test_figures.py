@@ -1,0 +1,189 @@
+"""Every figure is drawn, and the summary written, from small real files: spinning or not, released or torn before."""
+
+import contextlib
+import csv
+import io
+import json
+import re
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from dynamics import floquet, membrane, rigid
+from tests.membranes import FIG6, altered
+from tests.synthetic import smooth_tables
+
+ROOT = Path(__file__).parents[2]
+FLIGHT = {"duration_s": 1e-3, "snapshot_every_s": 2e-4, "spin_up_s": 2e-3}
+SCENES = {"spinning": -120.0, "still": 0.0, "torn": 3000.0}  # turns a second; the last bursts in spin-up
+
+
+def _scene(name):
+    return altered(FIG6, name=name, sail={"rings": 2}, release={"spin_Hz": SCENES[name]}, rigid={"duration_s": 0.01},
+                   flight=FLIGHT)
+
+
+def _stage(module, out, *arguments):
+    """Run a stage's `main` in this process, where its kernels are compiled already."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["stage", *map(str, arguments), "--out", str(out)])
+        module.main()
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory) -> Path:
+    """A results folder with modal and FDTD tables, and the stability and the flights of three scenes."""
+    folder = tmp_path_factory.mktemp("results")
+    tables = smooth_tables()
+    for name, table in tables.items():
+        for solver, sign in (("modal", 0.0), ("fdtd", 1e-3)):
+            table.q_nodes[2] += sign
+            table.attrs["solver"] = solver
+            table.write(folder / "tables" / name / f"{solver}.h5")
+    for name in SCENES:
+        scene, out = folder / f"{name}.yaml", folder / "scenes" / name
+        scene.write_text(_scene(name).model_dump_json(exclude_none=True), encoding="utf-8")
+        for solver, suffix in (("fdtd", "_fdtd"), ("modal", "")) if name != "torn" else ():
+            paths = [folder / "tables" / design / f"{solver}.h5" for design in tables]
+            _stage(floquet, out / f"floquet{suffix}.json", "--scene", scene, "--tables", *paths)
+        paths = [folder / "tables" / design / "modal.h5" for design in tables]
+        for stage, file in ((rigid, "rigid.h5"), (membrane, "flight.vtkhdf")):
+            _stage(stage, out / file, "--scene", scene, "--tables", *paths)
+    return folder
+
+
+def _run(script, *arguments):
+    """Exit code and standard error of a script, run in this process: imports are most of a figure's time."""
+    path, error, code = ROOT / "workflow" / f"{script}.py", io.StringIO(), 0
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stderr(error):
+        patch.setattr(sys, "argv", [str(path), *map(str, arguments)])
+        patch.syspath_prepend(path.parent)
+        try:
+            runpy.run_path(str(path), run_name="__main__")
+        except SystemExit as end:
+            code = end.code
+    return code, error.getvalue()
+
+
+@pytest.fixture
+def drawn(tmp_path):
+    """A function that runs a figure's script and returns the text of its SVG, once both files hold a picture."""
+    def run(script, *arguments):
+        png, svg = tmp_path / "figure.png", tmp_path / "figure.svg"
+        assert _run(f"figures/{script}", *arguments, "--out", png, "--svg", svg) == (0, "")
+        image = imread(png)
+        assert min(image.shape[:2]) > 500
+        assert np.ptp(image[..., :3], axis=(0, 1)).min() > 0.5
+        text = svg.read_text(encoding="utf-8")
+        assert text.rstrip().endswith("</svg>")
+        return text
+    return run
+
+
+def test_pressure(drawn, results):
+    cell = results / "tables/mark1e_te"
+    text = drawn("pressure", "--modal", cell / "modal.h5", "--fdtd", cell / "fdtd.h5")
+    assert "largest 1.0e-03" in text
+
+
+@pytest.mark.parametrize(("scene", "first"), [("spinning", 0.0), ("torn", -2e-3)])
+def test_snapshots_from_release_or_of_all_there_is(drawn, results, scene, first):
+    text = drawn("snapshots", "--flight", results / "scenes" / scene / "flight.vtkhdf", "--name", scene)
+    times = [float(time) for time in re.findall(r"t = (\S+) s,", text)]
+    assert times[0] == pytest.approx(first, abs=1e-5)
+    assert times == sorted(set(times))
+    assert len(times) > 1
+
+
+def test_flights_that_go_on_and_one_that_ends_before_release(drawn, results):
+    files = {"rigid": "rigid.h5", "flexible": "flight.vtkhdf"}
+    given = {kind: [f"{s}={results}/scenes/{s}/{file}" for s in ("spinning", "torn")] for kind, file in files.items()}
+    text = drawn("flights", "--rigid", *given["rigid"], "--flexible", *given["flexible"])
+    assert text.count("rigid, to 0.01 s") == 2
+    assert re.search(r"flexible, to -0\.00\d+ s", text)
+
+
+def test_a_flight_that_ends_before_release_alone(drawn, results):
+    text = drawn("flights", "--flexible", f"torn={results}/scenes/torn/flight.vtkhdf")
+    assert re.search(r"flexible, to -0\.00\d+ s", text)
+
+
+def _floquet(results, scenes, suffix=""):
+    return [f"{scene}={results}/scenes/{scene}/floquet{suffix}.json" for scene in scenes]
+
+
+def test_multipliers_are_those_of_the_scenes_that_spin(drawn, results):
+    both = ["spinning", "still"]
+    text = drawn("multipliers", "--floquet", *_floquet(results, both), "--fdtd", *_floquet(results, both, "_fdtd"))
+    assert "spinning (modal tables)" in text
+    assert "spinning (FDTD tables)" in text
+    assert "still" not in text
+    assert "no sail spins" in drawn("multipliers", "--floquet", *_floquet(results, ["still"]))
+
+
+def test_multipliers_are_labelled_by_the_tables_that_they_were_made_with(drawn, results):
+    text = drawn("multipliers", "--floquet", *_floquet(results, ["spinning"], "_fdtd"))
+    assert "spinning (FDTD tables)" in text
+    assert "modal tables" not in text
+
+
+def _benchmark(path):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("s\th:m:s\n2.5\t0:00:02\n", encoding="utf-8")
+    return path
+
+
+def test_the_summary_has_rows_of_every_kind(results, tmp_path):
+    tables = sorted(results.glob("tables/*/*.h5"))
+    analyses, flights = sorted(results.glob("scenes/*/floquet.json")), sorted(results.glob("scenes/*/*[5f]"))
+    stages = [_benchmark(tmp_path / "tables/te" / name) for name in ("fdtd.tsv", "fdtd/part1.tsv", "fdtd/part2.tsv")]
+    out = tmp_path / "summary.csv"
+    given = ("--tables", *tables, "--floquet", *analyses, "--flights", *flights, "--benchmarks", *stages)
+    assert _run("figures/summary", *given, "--out", out, "--html", tmp_path / "summary.html") == (0, "")
+    rows = {tuple(row[:3]): row[3:] for row in csv.reader(out.open(encoding="utf-8"))}
+    (rate, unit) = rows["stability", "still, modal tables", "largest growth rate"]
+    exponents = json.loads((results / "scenes/still/floquet.json").read_text())["exponents_1_s"]
+    assert (float(rate), unit) == (pytest.approx(max(re for re, _ in exponents), rel=1e-5, abs=1e-9), "1/s")
+    assert ("stability", "still, modal tables", "largest |λ|") not in rows
+    assert float(rows["stability", "spinning, modal tables", "largest |λ|"][0]) == pytest.approx(1, abs=0.2)
+    assert float(rows["flight", "torn, flexible", "end"][0]) < 0
+    assert rows["flight", "torn, flexible", "end reason"][0] == "tensile_failure"
+    assert rows["wall time", "te", "fdtd merge"] == ["2.5", "s"]
+    assert rows["wall time", "te", "fdtd, all parts"] == ["5", "s"]
+    assert "<table>" in (tmp_path / "summary.html").read_text(encoding="utf-8")
+
+
+def _check(results, out, fdtd="fdtd", suffix="_fdtd"):
+    cells, scenes = ("mark1e_te", "mark1e_tm"), ("spinning", "still")
+    return _run("checks", "--modal", *(results / f"tables/{cell}/modal.h5" for cell in cells),
+                "--fdtd", *(results / f"tables/{cell}/{fdtd}.h5" for cell in cells),
+                "--floquet", *(results / f"scenes/{scene}/floquet.json" for scene in scenes),
+                "--floquet-fdtd", *(results / f"scenes/{scene}/floquet{suffix}.json" for scene in scenes), "--out", out)
+
+
+def test_solvers_that_agree_pass_the_check(results, tmp_path):
+    assert _check(results, tmp_path / "checks.json") == (0, "")
+    checks = json.loads((tmp_path / "checks.json").read_text(encoding="utf-8"))
+    assert [c["of"] for c in checks] == ["mark1e_te"] * 2 + ["mark1e_tm"] * 2 + ["spinning"]
+    assert all(c["pass"] and c["value"] <= c["limit"] for c in checks)
+    assert [c["value"] for c in checks[:4]] == pytest.approx([1e-3] * 4, rel=1e-6)
+
+
+def test_solvers_that_disagree_fail_it_with_one_line_and_leave_nothing(results, tmp_path):
+    for name, table in smooth_tables().items():
+        table.q_nodes[2] += 0.02 if name == "mark1e_te" else 0.0
+        table.write(results / "tables" / name / "wrong.h5")
+    analysis = json.loads((results / "scenes/spinning/floquet.json").read_text())
+    analysis["multipliers"][0][0] += 0.02
+    (results / "scenes/spinning/floquet_wrong.json").write_text(json.dumps(analysis))
+    (results / "scenes/still/floquet_wrong.json").write_text((results / "scenes/still/floquet.json").read_text())
+    code, line = _check(results, tmp_path / "checks.json", "wrong", "_wrong")
+    assert (code, list(tmp_path.iterdir())) == (2, [])
+    assert line == (
+        "error: FDTD and the modal method disagree: mark1e_te: |Δq|, 95 % below: 0.02, allowed 0.01; "
+        "spinning: |Δλ|, largest: 0.02, allowed 0.01\n"
+    )
