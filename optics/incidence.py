@@ -32,10 +32,10 @@ def electric_vector(u: Floats | float, v: Floats | float, axis: str, index: floa
 
     The polarisation is fixed to the sail; given as a vector there is no s/p basis to be undefined at u = v = 0.
     """
-    k = wave_vector(u, v, index) / index
-    e = np.zeros(3)
-    e[AXES[axis]] = 1.0
-    projected = e - k * k[..., AXES[axis], None]
+    k, along = wave_vector(u, v, index) / index, AXES[axis]
+    projected = -k * k[..., along, None]
+    # 1 − k_axis² as the sum of the other two squares, which keeps its digits at glancing light.
+    projected[..., along] = (np.delete(k, along, axis=-1) ** 2).sum(axis=-1)
     return np.asarray(projected / np.linalg.norm(projected, axis=-1, keepdims=True))
 
 

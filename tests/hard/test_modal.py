@@ -27,7 +27,7 @@ def test_a_rayleigh_cutoff_hit_exactly_is_the_limit(fixture, sign, request):
     cut = sign * (1 - cell.pitch)
     here = one(cell, cut, 0.0, 12)[0]
     for side in (-1e-14, 1e-14):
-        assert np.abs(one(cell, cut + side, 0.0, 12)[0] - here).max() < 1e-5
+        assert np.abs(one(cell, cut + side, 0.0, 12)[0] - here).max() < 1e-6
 
 
 @pytest.mark.parametrize("fixture", ["te", "tm"])
@@ -40,11 +40,10 @@ def test_normal_incidence_is_no_special_case(fixture, request):
 
 @pytest.mark.parametrize("axis", ["g", "r"])
 def test_glancing_light_is_reflected_and_conserved(tm, axis):
-    """Rounding of u alone moves w² by 3e-9 of itself here."""
     cell = changed(tm, index={"n": 2.0, "k": 0.0}, electric_axis=axis)
     u = np.sin(np.radians(89.99))
     response = solve(cell, np.array([u]), np.array([0.0]), 15)
-    assert abs(response.absorptance[0, 0]) < 1e-8
+    assert abs(response.absorptance[0, 0]) < 1e-10
     assert response.reflected[0, 0, 15] > 0.99
 
 
