@@ -9,6 +9,8 @@ from pydantic import Field, model_validator
 
 from optics.files import InputError, Name, NonNegative, Pair, Positive, Strict, load_yaml, validate
 
+ElectricAxis = Literal["g", "r"]
+
 
 class Index(Strict):
     """Complex refractive index n + ik (time factor exp(−iωt): k > 0 absorbs)."""
@@ -39,7 +41,7 @@ class Metagrating(Strict):
     kind: Literal["metagrating"]
     name: Name
     wavelength_nm: Positive
-    electric_axis: Literal["g", "r"]
+    electric_axis: ElectricAxis
     period_nm: Positive
     ridges_nm: Annotated[list[Pair], Field(min_length=1)]
     ridge_height_nm: Positive
@@ -95,8 +97,96 @@ class ThinFilm(Strict):
     surroundings: Surroundings = Surroundings()
 
 
-Cell = Metagrating | ThinFilm
-KINDS: dict[str, type[Metagrating] | type[ThinFilm]] = {"metagrating": Metagrating, "thin_film": ThinFilm}
+class Ridge(Strict):
+    """A ridge within a lamellar layer: where it starts along +g, its width, and what it is made of."""
+
+    start_nm: NonNegative
+    width_nm: Positive
+    index: Index
+
+
+class LamellarLayer(Strict):
+    """A layer whose index changes along g only: `index` with ridges in it that don't overlap."""
+
+    thickness_nm: NonNegative
+    index: Index
+    ridges: list[Ridge] = []
+
+
+class LamellarStack(Strict):
+    """Any stack of lamellar layers with a common period, listed from the light side; `electric_axis` as above."""
+
+    kind: Literal["lamellar"]
+    name: Name
+    wavelength_nm: Positive
+    electric_axis: ElectricAxis
+    period_nm: Positive
+    layers: Annotated[list[LamellarLayer], Field(min_length=1)]
+    surroundings: Surroundings = Surroundings()
+
+    @model_validator(mode="after")
+    def _ridges_fit(self) -> LamellarStack:
+        for i, layer in enumerate(self.layers):
+            end = 0.0
+            for j, ridge in enumerate(layer.ridges):
+                where = f"layers[{i}].ridges[{j}]"
+                if ridge.start_nm < end:
+                    raise ValueError(f"{where}.start_nm = {ridge.start_nm:g}: must be at least {end:g}")
+                end = ridge.start_nm + ridge.width_nm
+                if end > self.period_nm:
+                    raise ValueError(f"{where} ends at {end:g}, beyond period_nm = {self.period_nm:g}")
+        return self
+
+    @property
+    def pitch(self) -> float:
+        """λ/d, the step in u between diffraction orders."""
+        return self.wavelength_nm / self.period_nm
+
+
+class Polygon(Strict):
+    """A polygon of one material; vertices [g, n] in nm, either way round."""
+
+    index: Index
+    vertices_nm: Annotated[list[Pair], Field(min_length=3)]
+
+
+class Profile(Strict):
+    """Any cross-section: polygons in 0 … period along g and 0 … depth along n, later ones over earlier ones.
+
+    n = 0 is the plane that the light reaches first; what no polygon covers has the index in front. A polygon across
+    the edge of the period is given in two parts.
+    """
+
+    kind: Literal["profile"]
+    name: Name
+    wavelength_nm: Positive
+    electric_axis: ElectricAxis
+    period_nm: Positive
+    depth_nm: Positive
+    polygons: Annotated[list[Polygon], Field(min_length=1)]
+    surroundings: Surroundings = Surroundings()
+
+    @model_validator(mode="after")
+    def _polygons_fit(self) -> Profile:
+        for i, polygon in enumerate(self.polygons):
+            for j, (g, n) in enumerate(polygon.vertices_nm):
+                if not (0 <= g <= self.period_nm and 0 <= n <= self.depth_nm):
+                    raise ValueError(
+                        f"polygons[{i}].vertices_nm[{j}] = [{g:g}, {n:g}]: must lie within 0 … {self.period_nm:g} by "
+                        f"0 … {self.depth_nm:g}"
+                    )
+        return self
+
+    @property
+    def pitch(self) -> float:
+        """λ/d, the step in u between diffraction orders."""
+        return self.wavelength_nm / self.period_nm
+
+
+Cell = Metagrating | ThinFilm | LamellarStack | Profile
+KINDS: dict[str, type[Cell]] = {
+    "metagrating": Metagrating, "thin_film": ThinFilm, "lamellar": LamellarStack, "profile": Profile,
+}
 
 
 def read_cell(path: str | Path) -> Cell:
