@@ -44,6 +44,7 @@ class Config(Strict):
     fdtd_grid: Grid
     fdtd_tolerance: Tolerance
     floquet: list[Name]
+    maps: list[Name]
     rigid: list[Name]
     flight: list[Name]
 
@@ -155,6 +156,7 @@ class Plan:
         names += [f"snapshots_{scene}" for scene in self.config.flight]
         names += ["fdtd"] if self.fdtd_designs else []
         names += ["multipliers"] if self.config.floquet else []
+        names += [f"maps_{scene}" for scene in self.config.maps]
         return names + (["flights"] if self.all_flights else [])
 
 
@@ -230,7 +232,7 @@ def read_plan(data: dict[str, Any], root: str | Path = ".") -> Plan:
     """The plan of a configuration; InputError names the file, the field and what is allowed."""
     folder = Path(root) / "workflow"
     config = validate(data, Config, SOURCE)
-    names = dict.fromkeys([*config.floquet, *config.rigid, *config.flight])
+    names = dict.fromkeys([*config.floquet, *config.maps, *config.rigid, *config.flight])
     scenes = {name: read_scene(folder / "scenes" / f"{name}.yaml") for name in names}
     used = [design for scene in scenes.values() for design in scene.sail.designs]
     designs = dict.fromkeys([*config.designs, *config.fdtd_designs, *used])

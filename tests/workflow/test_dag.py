@@ -54,7 +54,8 @@ def _outputs(folder: Path) -> list[str]:
     plans = [f"results/scenes/{scene}/plan.json" for scene in plan.scenes]
     figures = [f"results/figures/{name}.{kind}" for name in plan.figures for kind in ("png", "svg")]
     summary = ["results/summary.csv", "results/summary.html"]
-    stages = [*plan.all_tables, *parts, *nodes, *plans, *plan.all_floquet, *plan.all_flights]
+    maps = [f"results/scenes/{scene}/maps.h5" for scene in plan.config.maps]
+    stages = [*maps, *plan.all_tables, *parts, *nodes, *plans, *plan.all_floquet, *plan.all_flights]
     return [*stages, *plan.benchmarks, *plan.checks, *figures, *summary]
 
 
@@ -100,7 +101,8 @@ def test_all_stages_are_run_the_first_time(new):
         "scene_plan": len(plan.scenes), "floquet": len(plan.config.floquet), "floquet_fdtd": len(plan.fdtd_scenes),
         "rigid": len(plan.config.rigid), "flight": len(plan.config.flight), "pressure_figure": len(plan.gratings),
         "fdtd_figure": 1, "multipliers_figure": 1, "flights_figure": 1, "summary": 1, "checks": 1,
-        "snapshots_figure": len(plan.config.flight),
+        "snapshots_figure": len(plan.config.flight), "maps": len(plan.config.maps),
+        "maps_figure": len(plan.config.maps),
     }
 
 
@@ -113,6 +115,7 @@ def test_a_second_run_does_nothing_and_new_dates_change_nothing(done):
 
 LAST = {"summary", "all"}
 MAPS = {"pressure_figure", "multipliers_figure"}
+LOADS = {"maps", "maps_figure"}
 FLIGHTS = {"flights_figure", "snapshots_figure"}
 
 
@@ -133,7 +136,7 @@ def test_an_edit_runs_the_stages_that_import_the_file_and_what_follows(done, edi
 
 def test_fdtd_is_not_run_again_where_an_edit_leaves_its_directions_as_they_were(done, edit):
     edit("optics/modal.py")
-    expected = {"modal_table", "floquet", "rigid", "flight", "fdtd_figure", "checks", *MAPS, *FLIGHTS, *LAST}
+    expected = {"modal_table", "floquet", "rigid", "flight", "fdtd_figure", "checks", *MAPS, *LOADS, *FLIGHTS, *LAST}
     before = _jobs(done)
     assert set(before) >= {*expected, "fdtd_nodes"}
     assert "thin_film_table" not in before

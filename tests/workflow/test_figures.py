@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from dynamics import floquet, membrane, rigid
+from dynamics import floquet, maps, membrane, rigid
 from tests.membranes import FIG6, altered
 from tests.synthetic import smooth_tables
 
@@ -51,7 +51,7 @@ def results(tmp_path_factory) -> Path:
             paths = [folder / "tables" / design / f"{solver}.h5" for design in tables]
             _stage(floquet, out / f"floquet{suffix}.json", "--scene", scene, "--tables", *paths)
         paths = [folder / "tables" / design / "modal.h5" for design in tables]
-        for stage, file in ((rigid, "rigid.h5"), (membrane, "flight.vtkhdf")):
+        for stage, file in ((rigid, "rigid.h5"), (membrane, "flight.vtkhdf"), (maps, "maps.h5")):
             _stage(stage, out / file, "--scene", scene, "--tables", *paths)
     return folder
 
@@ -88,6 +88,11 @@ def test_pressure(drawn, results):
     cell = results / "tables/mark1e_te"
     text = drawn("pressure", "--modal", cell / "modal.h5", "--fdtd", cell / "fdtd.h5")
     assert "largest 1.0e-03" in text
+
+
+def test_maps(drawn, results):
+    text = drawn("maps", "--maps", results / "scenes/spinning/maps.h5", "--name", "spinning")
+    assert "equilibrium" in text
 
 
 @pytest.mark.parametrize(("scene", "first"), [("spinning", 0.0), ("torn", -2e-3)])
@@ -139,7 +144,8 @@ def _benchmark(path):
 
 def test_the_summary_has_rows_of_every_kind(results, tmp_path):
     tables = sorted(results.glob("tables/*/*.h5"))
-    analyses, flights = sorted(results.glob("scenes/*/floquet.json")), sorted(results.glob("scenes/*/*[5f]"))
+    analyses = sorted(results.glob("scenes/*/floquet.json"))
+    flights = [path for pattern in ("rigid.h5", "flight.vtkhdf") for path in sorted(results.glob(f"scenes/*/{pattern}"))]
     stages = [_benchmark(tmp_path / "tables/te" / name) for name in ("fdtd.tsv", "fdtd/part1.tsv", "fdtd/part2.tsv")]
     out = tmp_path / "summary.csv"
     given = ("--tables", *tables, "--floquet", *analyses, "--flights", *flights, "--benchmarks", *stages)

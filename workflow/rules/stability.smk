@@ -80,3 +80,51 @@ rule checks:
     shell:
         "python workflow/checks.py --modal {input.modal} --fdtd {input.fdtd}"
         " --floquet {input.floquet} --floquet-fdtd {input.floquet_fdtd} --out {output} > {log} 2>&1"
+
+
+rule maps:
+    input:
+        scene="workflow/scenes/{scene}.yaml",
+        tables=flown,
+        sources=sources("dynamics.maps"),
+    output:
+        "results/scenes/{scene}/maps.h5",
+    log:
+        "results/logs/scenes/{scene}/maps.log",
+    benchmark:
+        "results/benchmarks/scenes/{scene}/maps.tsv"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Force and torque maps of {wildcards.scene}"
+    shell:
+        "python -m dynamics.maps --scene {input.scene} --tables {input.tables} --out {output} > {log} 2>&1"
+
+
+rule maps_figure:
+    input:
+        maps="results/scenes/{scene}/maps.h5",
+        sources=sources("workflow/figures/maps.py"),
+    output:
+        png=report(
+            "results/figures/maps_{scene}.png",
+            caption="../report/maps.rst",
+            category="Stability",
+            labels={"figure": "force and torque on {scene}"},
+        ),
+        svg="results/figures/maps_{scene}.svg",
+    log:
+        "results/logs/figures/maps_{scene}.log",
+    benchmark:
+        "results/benchmarks/figures/maps_{scene}.tsv"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Figure of the force and torque maps of {wildcards.scene}"
+    shell:
+        "python workflow/figures/maps.py --maps {input.maps} --name {wildcards.scene}"
+        " --out {output.png} --svg {output.svg} > {log} 2>&1"
