@@ -35,7 +35,8 @@ class Metagrating(Strict):
     """Ridges of one height on a membrane, periodic along g and endless along r. Light falls on the ridges.
 
     Lengths in nm. `ridges_nm` holds [start, width] along +g within one period. `electric_axis` is the direction of E at
-    normal incidence: 'r' (TE) or 'g' (TM).
+    normal incidence: 'r' (TE) or 'g' (TM). `corner_radius_nm` rounds the two outer corners of each ridge, those that
+    the light reaches first; the inner ones at its foot stay sharp.
     """
 
     kind: Literal["metagrating"]
@@ -48,6 +49,7 @@ class Metagrating(Strict):
     membrane_nm: NonNegative
     index: Index
     surroundings: Surroundings = Surroundings()
+    corner_radius_nm: NonNegative = 0.0
 
     @model_validator(mode="after")
     def _ridges_fit(self) -> Metagrating:
@@ -61,6 +63,16 @@ class Metagrating(Strict):
             end = start + width
         if end > self.period_nm:
             raise ValueError(f"ridges_nm: the last ridge ends at {end:g}, beyond period_nm = {self.period_nm:g}")
+        return self
+
+    @model_validator(mode="after")
+    def _corners_fit(self) -> Metagrating:
+        most = min([self.ridge_height_nm, *(width / 2 for _, width in self.ridges_nm)])
+        if self.corner_radius_nm > most:
+            raise ValueError(
+                f"corner_radius_nm = {self.corner_radius_nm:g}: must be at most {most:g}, the height of the ridges and "
+                "half their width"
+            )
         return self
 
     @property

@@ -12,15 +12,15 @@ import h5py
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
-from optics.cells import Metagrating
 from optics.files import InputError, Strict, atomic, versions
 from optics.incidence import Floats, cutoffs
+from optics.outline import Grating
 from optics.sampling import fill
 from optics.table import PressureTable
 
 _COLUMNS = (
-    "u", "v", "q_g", "q_r", "q_n", "absorptance", "error", "energy_imbalance", "residual", "seconds", "grazing",
-    "finest_per_um",
+    "u", "v", "q_g", "q_r", "q_n", "absorptance", "error", "energy_imbalance", "stress", "residual", "capped",
+    "seconds", "grazing", "finest_per_um",
 )
 _U_SPACING, _V_SPACING = 0.0025, 0.0075
 
@@ -37,7 +37,11 @@ class Solved(Protocol):
     @property
     def energy_imbalance(self) -> float: ...  # noqa: D102
     @property
+    def stress(self) -> float: ...  # noqa: D102
+    @property
     def residual(self) -> float: ...  # noqa: D102
+    @property
+    def capped(self) -> bool: ...  # noqa: D102
     @property
     def seconds(self) -> float: ...  # noqa: D102
     @property
@@ -48,7 +52,7 @@ class Solved(Protocol):
 
 @dataclass(frozen=True)
 class Rows:
-    """Solved directions: values (n, 12) in the order of the columns."""
+    """Solved directions: values (n, 14) in the order of the columns."""
 
     values: Floats
 
@@ -69,8 +73,8 @@ class Rows:
     def added(self, u: float, v: float, solved: Solved) -> Rows:
         """With one more row."""
         row = [
-            u, v, *solved.q, solved.absorptance, solved.error, solved.energy_imbalance, solved.residual, solved.seconds,
-            solved.grazing, solved.resolutions[-1],
+            u, v, *solved.q, solved.absorptance, solved.error, solved.energy_imbalance, solved.stress,
+            solved.residual, float(solved.capped), solved.seconds, solved.grazing, solved.resolutions[-1],
         ]
         return Rows(np.vstack([self.values, row]))
 
@@ -90,7 +94,7 @@ def block(u: Floats, v: Floats, i: int, n: int) -> Floats:
     return directions[order][i - 1 :: n]
 
 
-def _stamp(cell: Metagrating, settings: Strict) -> dict[str, str]:
+def _stamp(cell: Grating, settings: Strict) -> dict[str, str]:
     """What rows must have in common to be kept or merged."""
     return {
         "cell": json.dumps(cell.model_dump(), sort_keys=True),
@@ -98,7 +102,7 @@ def _stamp(cell: Metagrating, settings: Strict) -> dict[str, str]:
     }
 
 
-def write_rows(path: Path, cell: Metagrating, settings: Strict, rows: Rows) -> None:
+def write_rows(path: Path, cell: Grating, settings: Strict, rows: Rows) -> None:
     """Write a part file, atomically: a killed stage leaves the rows it had."""
     with atomic(path) as temporary, h5py.File(temporary, "w") as file:
         for name in _COLUMNS:
@@ -106,7 +110,7 @@ def write_rows(path: Path, cell: Metagrating, settings: Strict, rows: Rows) -> N
         file.attrs.update(_stamp(cell, settings))
 
 
-def read_rows(path: Path, cell: Metagrating, settings: Strict) -> Rows:
+def read_rows(path: Path, cell: Grating, settings: Strict) -> Rows:
     """The rows of a part file; InputError where it is none, or is of another cell or other settings."""
     try:
         with h5py.File(path, "r") as file:
@@ -135,7 +139,7 @@ def _dense(nodes: Floats, spacing: float) -> Floats:
 
 
 def merge(
-    cell: Metagrating, settings: Strict, u_nodes: Floats, v_nodes: Floats, parts: Sequence[Path]
+    cell: Grating, settings: Strict, u_nodes: Floats, v_nodes: Floats, parts: Sequence[Path]
 ) -> PressureTable:
     """The pressure table from part files that together hold all of u_nodes × v_nodes.
 
@@ -166,7 +170,7 @@ def _nearby(u_nodes: Floats, v_nodes: Floats, error: Floats, u: Floats, v: Float
     return _along_v(v_nodes, _along_v(u_nodes, error.T, u).T, v)
 
 
-def _attrs(cell: Metagrating, settings: Strict, rows: Rows, u_nodes: Floats, v_nodes: Floats) -> dict[str, Any]:
+def _attrs(cell: Grating, settings: Strict, rows: Rows, u_nodes: Floats, v_nodes: Floats) -> dict[str, Any]:
     finest, counts = np.unique(rows.column("finest_per_um"), return_counts=True)
     return {
         "name": cell.name, "solver": "fdtd", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
@@ -174,6 +178,7 @@ def _attrs(cell: Metagrating, settings: Strict, rows: Rows, u_nodes: Floats, v_n
         "directions_by_pixels_per_um": {f"{key:g}": int(n) for key, n in zip(finest, counts, strict=True)},
         "cutoffs": cutoffs(cell.pitch, float(np.abs(u_nodes).max())),
         "energy_imbalance": float(np.abs(rows.column("energy_imbalance")).max()),
+        "stress_difference": float(rows.column("stress").max()), "capped": int(rows.column("capped").sum()),
         "residual": float(rows.column("residual").max()), "grazing": float(rows.column("grazing").min()),
         "wall_seconds": float(rows.column("seconds").sum()), "versions": versions("numpy", "scipy", "h5py"),
     }

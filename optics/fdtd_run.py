@@ -20,6 +20,7 @@ Meep is imported inside functions only: importing it switches denormal numbers o
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,16 +28,16 @@ from typing import Any
 
 import numpy as np
 
-from optics.cells import Metagrating
-from optics.fdtd_grid import FdtdSettings, Layout, covered, layout, rectangles
+from optics.fdtd_grid import FdtdSettings, Layout, layout
+from optics.fdtd_material import lossless, material, weakly_absorbing
 from optics.files import InputError
 from optics.incidence import Complexes, Floats, electric_vector, order_cosines, wave_vector
+from optics.outline import Grating, depth_nm
 
 HOW_TO_GET_MEEP = (
     "Meep is not installed: apt-get install python3-meep (Debian) or conda install -c conda-forge pymeep; "
     "the package 'meep' on PyPI is something else"
 )
-_WEAK_ABSORPTION = 1e-3
 
 
 def import_meep() -> Any:
@@ -49,24 +50,45 @@ def import_meep() -> Any:
         raise InputError(HOW_TO_GET_MEEP)
     meep.verbosity(0)
     return meep
+_STEP = 5  # periods between two looks at the amplitudes
+
+
+@dataclass(frozen=True)
+class Decay:
+    """How far a pulse had died away when the run was stopped.
+
+    residual: relative change of the amplitudes that was still to come; capped: the run had reached its longest time.
+    """
+
+    residual: float
+    capped: bool
+
+    def worse(self, other: Decay) -> Decay:
+        """That of two runs together."""
+        return Decay(max(self.residual, other.residual), self.capped or other.capped)
+
+
+def remaining(changes: list[float]) -> float:
+    """What is still to come of a series whose last terms are `changes`, if it goes on as a geometric one.
+
+    A single resonance rings down so: each step brings ρ times the change of the one before, and all that follow
+    together ρ/(1 − ρ) times the last. Infinite while it does not fall.
+    """
+    if len(changes) < 4:
+        return np.inf
+    ratio = np.sqrt(changes[-1] / changes[-3]) if changes[-3] > 0 else 0.0
+    return float(changes[-1] * ratio / (1 - ratio)) if ratio < 1 else np.inf
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Result of a run. amplitudes (2, 4, n): E_X, E_Z, H_X, H_Z of each order on the front and the back line.
-
-    `u_m`, `w_m` (n,): cosines of the orders. `heat`: ∫|E|² dA over the material in µm² (0 where not asked for).
-    `residual`: last relative change of the amplitudes over ten periods.
-    """
+    """Result of the empty run: E_X, E_Z, H_X, H_Z of the incident wave on the front and the back line (2, 4, 1)."""
 
     amplitudes: Complexes
-    u_m: Floats
-    w_m: Complexes
-    heat: float
-    residual: float
+    decay: Decay
 
 
-def propagating_orders(cell: Metagrating, u: float, v: float) -> tuple[Floats, Complexes]:
+def propagating_orders(cell: Grating, u: float, v: float) -> tuple[Floats, Complexes]:
     """u_m and w_m (n,) of the orders that leave the cell in vacuum, ascending; the specular one is among them."""
     most = int(np.ceil(2 / cell.pitch))
     u_m, w_m = order_cosines(u, v, cell.pitch, np.arange(-most, most + 1))
@@ -77,13 +99,15 @@ class _Run:
     """A Meep simulation of the cell, or with `empty` of a strip of vacuum one pixel wide: the same to a plane wave."""
 
     def __init__(
-        self, cell: Metagrating, u: float, v: float, grid: Layout, settings: FdtdSettings, empty: bool = False
+        self, cell: Grating, u: float, v: float, grid: Layout, settings: FdtdSettings, empty: bool = False
     ) -> None:
         self.mp = import_meep()
         self.cell, self.u, self.v, self.grid, self.settings, self.empty = cell, u, v, grid, settings, empty
         self.frequency = 1000 / cell.wavelength_nm
         self.n_x = 1 if empty else grid.n_x
         self.width = self.n_x * grid.pixel
+        self.bottom = round(grid.y_bottom / grid.pixel)
+        self.material = material(cell, grid)
         u_m, w_m = propagating_orders(cell, u, v)
         keep = np.isclose(u_m, u, atol=1e-12) if empty else np.ones(u_m.size, bool)
         self.u_m, self.w_m = u_m[keep], w_m[keep]
@@ -103,20 +127,40 @@ class _Run:
             cell_size=mp.Vector3(self.width, grid.n_y * grid.pixel), resolution=1 / grid.pixel, dimensions=2,
             geometry=[] if self.empty else self._geometry(), sources=self._sources(), boundary_layers=[absorber],
             k_point=mp.Vector3(f * self.u, 0, f * self.v), kz_2d="complex", Courant=self.settings.courant,
+            eps_averaging=False,  # `fdtd_material` does it
         )
 
     def _geometry(self) -> list[Any]:
-        """Blocks of the material. Weak absorption is left to perturbation theory (see `efficiencies`)."""
-        mp, epsilon = self.mp, self.cell.index.permittivity
-        medium = mp.Medium(epsilon=epsilon.real)
-        if not weakly_absorbing(self.cell):
-            medium = mp.Medium(
-                epsilon=epsilon.real, D_conductivity=2 * np.pi * self.frequency * epsilon.imag / epsilon.real
-            )
-        return [
-            mp.Block(mp.Vector3(b - a, d - c, mp.inf), center=mp.Vector3((a + b) / 2, (c + d) / 2), material=medium)
-            for a, b, c, d in rectangles(self.cell, self.grid)
-        ]
+        """A block around the cell that knows ε at every grid point. Weak absorption is left to perturbation theory."""
+        grid, pixel = self.grid, self.grid.pixel
+        low, high = self.bottom - 2, self.bottom + 2 + int(np.ceil(depth_nm(self.cell) / 1000 / pixel))
+        x = (np.arange(2 * grid.n_x) - grid.n_x) * pixel / 2
+        y = np.arange(2 * low, 2 * high + 1) * pixel / 2
+        tensor = self.material.tensor(x, y)
+        if weakly_absorbing(self.cell):
+            tensor = tensor.real.astype(complex)
+        medium = functools.cache(lambda i, j: self._medium(tensor[i, j]))
+
+        def permittivity(p: Any) -> Any:
+            return medium(round(2 * p.x / pixel + grid.n_x) % (2 * grid.n_x), round(2 * p.y / pixel) - 2 * low)
+
+        mp = self.mp
+        # Meep looks for conductivity only where some plain medium has one: this one, which lies hidden below the other.
+        conductor = [] if weakly_absorbing(self.cell) else [mp.Medium(D_conductivity=1.0)]
+        place = {
+            "size": mp.Vector3(mp.inf, (high - low - 0.5) * pixel, mp.inf),
+            "center": mp.Vector3(0, (high + low) * pixel / 2),
+        }
+        return [mp.Block(material=medium, **place) for medium in (*conductor, permittivity)]
+
+    def _medium(self, tensor: Complexes) -> Any:
+        """Meep's medium of ε_XX, ε_YY, ε_ZZ, ε_XY (4,). Of absorption it takes the diagonal, as a conductivity."""
+        mp, (real, imag) = self.mp, (tensor.real, tensor.imag)
+        loss = 2 * np.pi * self.frequency * imag[:3] / real[:3]
+        return mp.Medium(
+            epsilon_diag=mp.Vector3(*real[:3]), epsilon_offdiag=mp.Vector3(real[3]),
+            D_conductivity_diag=mp.Vector3(*loss),
+        )
 
     def _sources(self) -> list[Any]:
         """Current sheet K = n × H of the wanted wave (Love's equivalence; Harrington, Time-Harmonic Fields, §3-5)."""
@@ -169,33 +213,45 @@ class _Run:
                     out[i, j] = to_orders @ array[one] / (averaged if j in (1, 2) else 1.0)
         return out
 
-    def until_decayed(self) -> tuple[Complexes, float]:
-        """Run until the amplitudes stand still; they, and their last relative change over ten periods."""
-        f, step = self.frequency, 10 / self.frequency
+    def until_decayed(self) -> tuple[Complexes, Decay]:
+        """Run until the amplitudes stand still or the longest time is over; they, and what they still lack."""
+        f, step = self.frequency, _STEP / self.frequency
         self.simulation.run(until=8 / (self.settings.pulse_width * f))  # the pulse: cutoff 4 on both sides
-        before, residual = self.amplitudes(), np.inf
-        while residual > self.settings.decay and self.simulation.meep_time() * f < self.settings.longest:
+        before, changes, capped = self.amplitudes(), [np.inf], False
+        while (residual := remaining(changes)) > self.settings.decay and not capped:
             self.simulation.run(until=step)
             now = self.amplitudes()
-            residual = float(np.abs(now - before).max() / np.abs(now).max())
+            changes.append(float(np.abs(now - before).max() / np.abs(now).max()))
             before = now
-        if not np.isfinite(residual):
-            raise InputError(f"FDTD at u = {self.u:g}, v = {self.v:g}: fields are not finite; lower 'courant'")
-        return before, residual
+            if not np.isfinite(changes[-1]):
+                raise InputError(f"FDTD at u = {self.u:g}, v = {self.v:g}: fields are not finite; lower 'courant'")
+            capped = self.simulation.meep_time() * f >= self.settings.longest
+        return before, Decay(residual, capped)
+
+    def monitor_stress(self) -> Callable[[], Floats]:
+        """Start Meep's own Maxwell stress on the two lines; the function returned gives the force (2,) on g and n."""
+        mp, forces = self.mp, []
+        for direction in (mp.X, mp.Y):
+            regions = [
+                mp.ForceRegion(mp.Vector3(0, y), direction=direction, size=mp.Vector3(self.width), weight=weight)
+                for y, weight in ((self.grid.y_front, 1), (self.grid.y_back, -1))
+            ]
+            forces.append(self.simulation.add_force(self.frequency, 0, 1, *regions))
+        return lambda: np.array([sign * mp.get_forces(force)[0] for sign, force in zip((1, -1), forces, strict=True)])
 
     def monitor_heat(self) -> Callable[[], float]:
-        """Start recording E in the material; the function returned gives ∫|E|² dA over it (µm²)."""
+        """Start recording E in the material; the function returned gives ∫ Im ε |E|² dA over it (µm²)."""
         mp, grid = self.mp, self.grid
-        height = (self.cell.ridge_height_nm + self.cell.membrane_nm) / 1000
+        height = depth_nm(self.cell) / 1000
         components = [mp.Ex, mp.Ey, mp.Ez]
         monitor = self._monitor(components, grid.y_bottom + height / 2, height)
 
         def integral() -> float:
             x, one = self._period(monitor)
             y = np.atleast_1d(np.asarray(self.simulation.get_array_metadata(dft_cell=monitor)[1]))
-            area = covered(rectangles(self.cell, grid), x, y, grid.pixel)
+            lossy = self.material.absorbing(x, y) * grid.pixel**2
             arrays = [self._array(monitor, component) for component in components]
-            return float(sum((np.abs(array[one]) ** 2 * area).sum() for array in arrays if array is not None))
+            return float(sum((np.abs(array[one]) ** 2 * lossy).sum() for array in arrays if array is not None))
 
         return integral
 
@@ -204,33 +260,27 @@ class _Run:
         self.simulation.reset_meep()
 
 
-def weakly_absorbing(cell: Metagrating) -> bool:
-    """Whether absorption is so small that it must come from first-order perturbation theory, not from 1 − R − T."""
-    epsilon = cell.index.permittivity
-    return bool(epsilon.imag <= _WEAK_ABSORPTION * abs(epsilon.real))
-
-
 def flux(amplitudes: Complexes) -> Floats:
     """Power along +Y per area (n,) of orders with E_X, E_Z, H_X, H_Z (4, n), in the units of the DFT."""
     e_x, e_z, h_x, h_z = amplitudes
     return np.asarray((e_z * h_x.conj() - e_x * h_z.conj()).real)
 
 
-def incident_wave(cell: Metagrating, u: float, v: float, grid: Layout, settings: FdtdSettings) -> Lines:
+def incident_wave(cell: Grating, u: float, v: float, grid: Layout, settings: FdtdSettings) -> Lines:
     """The empty run; InputError where the sheet doesn't radiate the wanted plane wave (off by more than 1e-2)."""
     run = _Run(cell, u, v, grid, settings, empty=True)
     try:
-        amplitudes, residual = run.until_decayed()
+        amplitudes, decay = run.until_decayed()
     finally:
         run.close()
     found = amplitudes[0, :, 0].copy()
     w = float(wave_vector(u, v)[2])
     found[:2] /= np.cos(np.pi * run.frequency * w * grid.pixel)  # E is averaged over two rows, H is not
     check_polarisation(cell, u, v, found)
-    return Lines(amplitudes, run.u_m, run.w_m, 0.0, residual)
+    return Lines(amplitudes, decay)
 
 
-def check_polarisation(cell: Metagrating, u: float, v: float, found: Complexes) -> None:
+def check_polarisation(cell: Grating, u: float, v: float, found: Complexes) -> None:
     """Refuse tangential fields E_X, E_Z, H_X, H_Z (4,) that differ from the wanted plane wave's by more than 1e-2.
 
     Compared up to one complex factor; H tells the direction of travel and the mixture of s and p.
@@ -250,37 +300,43 @@ def check_polarisation(cell: Metagrating, u: float, v: float, found: Complexes) 
 
 @dataclass(frozen=True)
 class Efficiencies:
-    """Power fractions reflected, transmitted (n,) of the orders u_m, w_m; absorptance of weak absorption, else NaN."""
+    """Power fractions reflected, transmitted (n,) of the orders u_m, w_m, and what else a run tells.
+
+    absorptance: of weak absorption, else NaN; stress (2,): q_g and q_n from Meep's own stress monitors, which see the
+    total field.
+    """
 
     u_m: Floats
     w_m: Complexes
     reflected: Floats
     transmitted: Floats
     absorptance: float
-    residual: float
+    stress: Floats
+    decay: Decay
 
 
-def efficiencies(cell: Metagrating, u: float, v: float, resolution: float, settings: FdtdSettings) -> Efficiencies:
+def efficiencies(cell: Grating, u: float, v: float, resolution: float, settings: FdtdSettings) -> Efficiencies:
     """Efficiencies of all propagating orders for one direction at one resolution (pixels per µm).
 
-    Weak absorption: a = ω Im ε ∫|E|² dA / P of the lossless structure (first-order perturbation, Jackson §6.8).
+    Weak absorption: a = ω ∫ Im ε |E|² dA / P of the lossless structure (first-order perturbation, Jackson §6.8).
     """
     grid = layout(cell, resolution, settings)
     incident = incident_wave(cell, u, v, grid, settings)
     run = _Run(cell, u, v, grid, settings)
     try:
         weak = weakly_absorbing(cell)
-        heat = run.monitor_heat() if weak and cell.index.k > 0 else lambda: 0.0
-        amplitudes, residual = run.until_decayed()
-        energy = heat()
+        heat = run.monitor_heat() if weak and not lossless(cell) else lambda: 0.0
+        force = run.monitor_stress()
+        amplitudes, decay = run.until_decayed()
+        dissipated, stress = heat(), force()
     finally:
         run.close()
     power = -float(flux(incident.amplitudes[0])[0])
     specular = int(np.abs(run.u_m - u).argmin())
     scattered = amplitudes[0].copy()
     scattered[:, specular] -= incident.amplitudes[0, :, 0]
-    absorbed = 2 * np.pi * run.frequency * cell.index.permittivity.imag * energy / (power * grid.period)
+    absorbed = 2 * np.pi * run.frequency * dissipated / (power * grid.period)
     return Efficiencies(
-        run.u_m, run.w_m, flux(scattered) / power, -flux(amplitudes[1]) / power,
-        absorbed if weak else float("nan"), max(residual, incident.residual),
+        run.u_m, run.w_m, flux(scattered) / power, -flux(amplitudes[1]) / power, absorbed if weak else float("nan"),
+        stress / (power * grid.period), decay.worse(incident.decay),
     )

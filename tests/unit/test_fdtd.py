@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from optics.cells import Metagrating
-from optics.fdtd import DirectionResult, check_cell, default_nodes, extrapolate, grazing, main, read_nodes
-from optics.fdtd_grid import FdtdSettings, covered, layout, rectangles
+from optics.fdtd import DirectionResult, check_cell, default_nodes, estimate, extrapolate, grazing, main, read_nodes
+from optics.fdtd_grid import FdtdSettings, layout
+from optics.fdtd_material import material
 from optics.fdtd_parts import Rows, block, merge, read_rows, write_rows
-from optics.fdtd_run import check_polarisation, import_meep
+from optics.fdtd_run import check_polarisation, import_meep, remaining
 from optics.files import InputError, validate
 from optics.incidence import electric_vector, wave_vector
 
@@ -24,7 +25,7 @@ def smooth(u, v):
 
 def solved(u, v):
     q, absorptance = smooth(u, v)
-    return DirectionResult(q, absorptance, 2e-3, 1e-4, 1e-5, 1.0, (20.0, 40.0), 0.5)
+    return DirectionResult(q, absorptance, 2e-3, 1e-4, 1e-3, 1e-5, False, 1.0, (20.0, 40.0), 0.5)
 
 
 def rows(directions):
@@ -52,18 +53,66 @@ def test_the_grid_is_even_in_height_and_holds_the_material_between_its_lines(tm,
         assert (y / grid.pixel) % 1 == pytest.approx(0.5)
 
 
-def test_the_covered_area_is_that_of_the_cross_section(te):
-    grid = layout(te, 40.0, SETTINGS)
-    x = (np.arange(grid.n_x) - grid.n_x // 2 + 0.5) * grid.pixel
-    y = (np.arange(-grid.n_y // 2, grid.n_y // 2) + 0.5) * grid.pixel
-    area = covered(rectangles(te, grid), x, y, grid.pixel).sum()
-    assert area == pytest.approx(1.6 * 0.2 + 0.8 * 0.4, rel=1e-3)
+def grid_points(grid, per_pixel=1):
+    half = 0.5 if per_pixel == 1 else 0.0
+    x = (np.arange(per_pixel * grid.n_x) + half) * grid.pixel / per_pixel - grid.period / 2
+    y = (np.arange(-per_pixel * grid.n_y // 2, per_pixel * grid.n_y // 2) + half) * grid.pixel / per_pixel
+    return x, y
 
 
-def test_ridges_that_touch_across_the_period_become_one_block(te):
+@pytest.mark.parametrize("radius", [0.0, 100.0])
+def test_the_absorbing_area_is_that_of_the_cross_section(te, radius):
+    cell = Metagrating.model_validate(te.model_dump() | {"corner_radius_nm": radius, "index": {"n": 2.0, "k": 0.01}})
+    grid = layout(cell, 40.0, SETTINGS)
+    area = material(cell, grid).absorbing(*grid_points(grid)).sum() * grid.pixel**2 / cell.index.permittivity.imag
+    corners = 4 * (1 - 8 * np.sin(np.pi / 32)) * (radius / 1000) ** 2  # of arcs in 16 straight pieces
+    assert area == pytest.approx(1.6 * 0.2 + 0.8 * 0.4 - corners, rel=3e-5)
+
+
+def test_permittivity_keeps_its_integral_and_its_limits_on_the_grid(tm):
+    grid = layout(tm, 33.0, SETTINGS)
+    x, y = grid_points(grid, 2)
+    tensor = material(tm, grid).tensor(x, y)
+    area = 1.35 * 0.2 + 0.72 * 0.4
+    assert (tensor[..., 2].real - 1).sum() * (grid.pixel / 2) ** 2 == pytest.approx(3 * area, rel=1e-3)
+    assert np.all(tensor[..., :3].real >= 1 - 1e-12)
+    assert np.all(tensor[..., :3].real <= 4 + 1e-12)
+    # Across a face the mean is harmonic, which is smaller.
+    assert np.all(tensor[..., :2].real <= tensor[..., 2, None].real + 1e-12)
+
+
+def test_a_flat_face_gives_arithmetic_and_harmonic_means(te):
+    cell = Metagrating.model_validate(te.model_dump() | {"ridges_nm": [[0.0, 1600.0]]})
+    grid = layout(cell, 20.0, SETTINGS)
+    share = np.array([0.125, 0.5, 0.875])  # of the hat, half a pixel and none below a face
+    y = grid.y_bottom + np.array([-0.5, 0.0, 0.5]) * grid.pixel
+    along, across, out_of_plane, mixed = material(cell, grid).tensor(np.array([0.1]), y)[0].T
+    np.testing.assert_allclose(along, 1 + 3 * share, rtol=1e-5)
+    np.testing.assert_allclose(out_of_plane, 1 + 3 * share, rtol=1e-5)
+    np.testing.assert_allclose(across, 1 / (1 - 0.75 * share), rtol=1e-5)
+    np.testing.assert_allclose(mixed, 0, atol=1e-12)
+
+
+def test_ridges_that_touch_across_the_period_leave_no_seam(te):
     cell = Metagrating.model_validate(te.model_dump() | {"ridges_nm": [[0.0, 600.0], [600.0, 1000.0]]})
-    boxes = rectangles(cell, layout(cell, 20.0, SETTINGS))
-    assert len(boxes) == 2  # one slab of ridges, one membrane
+    grid = layout(cell, 20.0, SETTINGS)
+    tensor = material(cell, grid).tensor(*grid_points(grid, 2))
+    np.testing.assert_allclose(tensor, np.broadcast_to(tensor[:1], tensor.shape), atol=1e-12)
+
+
+def test_two_pairs_tell_the_error_of_a_series_of_fourth_order():
+    pixels = (20, 28, 40)
+    done = [(n, np.array([0.3 + 5 / n**2 + 400 / n**4, 0.1])) for n in pixels]
+    best, error = estimate(done)
+    assert abs(best[0] - 0.3) < error < 5 * abs(best[0] - 0.3)
+    assert estimate(done[:2])[1] > error
+
+
+def test_what_remains_of_a_ringing_is_the_rest_of_its_series():
+    series = 0.2 * 0.7 ** np.arange(9)
+    assert remaining([np.inf, *series[:5]]) == pytest.approx(0.2 * 0.7**5 / 0.3, rel=1e-12)
+    assert remaining([np.inf, *series[:2]]) == np.inf
+    assert remaining([np.inf, 1e-3, 1e-3, 1e-3]) == np.inf
 
 
 def test_blocks_share_all_directions_evenly():
@@ -125,6 +174,9 @@ def test_what_fdtd_cannot_do_is_refused(te):
     glass = Metagrating.model_validate(te.model_dump() | {"surroundings": {"front": 1.0, "back": 1.5}})
     with pytest.raises(InputError, match="vacuum"):
         check_cell(glass, 0.0, 0.0)
+    gold = Metagrating.model_validate(te.model_dump() | {"index": {"n": 0.26, "k": 6.97}})
+    with pytest.raises(InputError, match="for metals"):
+        check_cell(gold, 0.0, 0.0)
     with pytest.raises(InputError, match="evanescent"):
         check_cell(te, 0.8, 0.7)
 
