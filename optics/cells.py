@@ -155,6 +155,22 @@ class LamellarStack(Strict):
         return self.wavelength_nm / self.period_nm
 
 
+def as_stack(cell: Metagrating | LamellarStack) -> LamellarStack:
+    """The cell as a stack of lamellar layers."""
+    if isinstance(cell, LamellarStack):
+        return cell
+    ridges = [Ridge(start_nm=start, width_nm=width, index=cell.index) for start, width in cell.ridges_nm]
+    front = Index(n=cell.surroundings.front)
+    return LamellarStack(
+        kind="lamellar", name=cell.name, wavelength_nm=cell.wavelength_nm, electric_axis=cell.electric_axis,
+        period_nm=cell.period_nm, surroundings=cell.surroundings,
+        layers=[
+            LamellarLayer(thickness_nm=cell.ridge_height_nm, index=front, ridges=ridges),
+            LamellarLayer(thickness_nm=cell.membrane_nm, index=cell.index),
+        ],
+    )
+
+
 class Polygon(Strict):
     """A polygon of one material; vertices [g, n] in nm, either way round."""
 

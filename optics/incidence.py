@@ -39,6 +39,25 @@ def electric_vector(u: Floats | float, v: Floats | float, axis: str, index: floa
     return np.asarray(projected / np.linalg.norm(projected, axis=-1, keepdims=True))
 
 
+def polarisation_basis(u: Floats | float, v: Floats | float, index: float = 1.0) -> tuple[Floats, Floats]:
+    """Unit vectors e₁, e₂ (..., 3) across k: e₁ is r projected perpendicular to k, e₂ = k̂ × e₁."""
+    first = electric_vector(u, v, "r", index)
+    return first, np.cross(wave_vector(u, v, index) / index, first)
+
+
+def stokes(u: Floats | float, v: Floats | float, field: Complexes | Floats, index: float = 1.0) -> Floats:
+    """Stokes components (..., 4) of light with the complex electric vector `field` (..., 3), as shares of its power.
+
+    (1, s₁, s₂, s₃) with a = E·e₁ and b = E·e₂ of `polarisation_basis`: s₁ = |a|² − |b|², s₂ = 2 Re(a b*),
+    s₃ = 2 Im(a b*), divided by |a|² + |b|² (Born & Wolf, Principles of Optics, §10.8.3, with their sign of s₃ for the
+    time factor exp(−iωt)). s₁ = 1: E along e₁; s₂ = 1: along e₁ + e₂; s₃ = 1: E turns from e₂ to e₁.
+    """
+    a, b = ((np.asarray(field) * e).sum(-1) for e in polarisation_basis(u, v, index))
+    cross, power = a * np.conj(b), np.abs(a) ** 2 + np.abs(b) ** 2
+    parts = [power, np.abs(a) ** 2 - np.abs(b) ** 2, 2 * cross.real, 2 * cross.imag]
+    return np.stack(parts, axis=-1) / power[..., None]
+
+
 def order_cosines(
     u: Floats | float, v: Floats | float, pitch: float, orders: NDArray[np.int64], index: float = 1.0
 ) -> tuple[Floats, Complexes]:

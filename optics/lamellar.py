@@ -1,4 +1,4 @@
-"""Fourier modal method for ridges on a film: fast, and exact in the limit of many diffraction orders.
+"""Fourier modal method for stacks of lamellar layers: fast, and exact in the limit of many diffraction orders.
 
 The structure does not change along r, so every field is a sum of modes with E_g = 0 and modes with H_g = 0 (Li 1993,
 J. Mod. Opt. 40, 553; here x = g, y = r, z = n and k₀ = 1, h = Z₀H, time factor exp(−iωt)). With ⟦ε⟧ the Toeplitz matrix
@@ -12,8 +12,10 @@ k_z² = β² − v². The tangential fields of a mode that runs along +z (along 
 
     E_g = 0:  E_y = k_z ψ, h_x = −β² ψ, h_y = v K ψ;    H_g = 0:  E_x = β² ⟦1/ε⟧ φ, E_y = −v ⟦ε⟧⁻¹ K φ, h_y = k_z φ.
 
-Layers are joined from the back by their surface admittance h_t = Y E_t and reflection matrices of decaying waves only,
-so that nothing grows with thickness.
+Layers are joined through the waves f± = ẑ × E ± h that run towards and away from what lies behind, f₋ = ρ f₊: ρ is
+bounded for every passive structure, also where an admittance or an impedance has a pole, and a layer adds decaying
+exponentials only, so that nothing grows with thickness. Both polarisations are solved at once: efficiencies are
+Hermitian forms in the incident Jones vector, given by their values for the four Stokes components.
 """
 
 from __future__ import annotations
@@ -24,193 +26,250 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
-from optics.cells import Metagrating
-from optics.incidence import Complexes, Floats, electric_vector, order_cosines, wave_vector
+from optics.cells import LamellarStack, Metagrating, as_stack
+from optics.incidence import Complexes, Floats, electric_vector, order_cosines, polarisation_basis, stokes, wave_vector
 from optics.momentum import pressure
+from optics.scattering import LayerModes, scatter
 
 # A mode exactly at its cut-off (k_z = 0) is moved off it by this much: q moves by as little, and no matrix is singular.
 _CUTOFF = 1e-8
-# Modes that decay by more than this across the ridges do not see the far side.
-_NEGLIGIBLE = 1e-9
 
 
 @dataclass(frozen=True)
 class Response:
     """What the cell does with light from n_u × n_v directions.
 
-    q (n_u, n_v, 3) in (g, r, n); absorptance (n_u, n_v); reflected, transmitted (n_u, n_v, 2N + 1): efficiencies of the
-    orders −N … N, zero for evanescent ones.
+    For the cell's own polarisation: q (n_u, n_v, 3) in (g, r, n); absorptance (n_u, n_v); reflected, transmitted
+    (n_u, n_v, 2N + 1): efficiencies of the orders −N … N, zero for evanescent ones. q_stokes (n_u, n_v, 4, 3) and
+    absorptance_stokes (n_u, n_v, 4): coefficients of the Stokes components (1, s₁, s₂, s₃) of
+    `optics.incidence.stokes`, to be summed.
     """
 
     q: Floats
     absorptance: Floats
     reflected: Floats
     transmitted: Floats
+    q_stokes: Floats
+    absorptance_stokes: Floats
 
 
-@dataclass(frozen=True)
-class _Modes:
-    """Modes of the ridge layer at one u: β² (n,), profiles (n, n) and what their fields need; n = 2N + 1 orders."""
+def fourier_coefficients(background: complex, ridges: list[tuple[float, float, complex]], count: int) -> Complexes:
+    """Fourier coefficients −count … count of a function that is `background` but on `ridges` (start, width, value).
 
-    beta2_s: Complexes
-    psi: Complexes
-    k_psi: Complexes
-    beta2_p: Complexes
-    phi: Complexes
-    displaced_phi: Complexes
-    k_phi: Complexes
-
-
-def fourier_coefficients(cell: Metagrating, inside: complex, outside: complex, count: int) -> Complexes:
-    """Fourier coefficients −count … count of a function that is `inside` on ridges and `outside` elsewhere."""
+    Starts and widths in periods.
+    """
     m = np.arange(-count, count + 1)
-    total = np.where(m == 0, outside, 0.0).astype(complex)
-    for start, width in cell.ridges_nm:
-        centre, share = (start + width / 2) / cell.period_nm, width / cell.period_nm
-        total += (inside - outside) * share * np.sinc(m * share) * np.exp(-2j * np.pi * m * centre)
+    total = np.where(m == 0, background, 0.0).astype(complex)
+    for start, width, value in ridges:
+        total += (value - background) * width * np.sinc(m * width) * np.exp(-2j * np.pi * m * (start + width / 2))
     return total
 
 
-def _toeplitz(coefficients: Complexes) -> Complexes:
+def toeplitz_matrix(coefficients: Complexes) -> Complexes:
+    """Toeplitz matrix (n, n) of Fourier coefficients −(n − 1) … n − 1."""
     n = coefficients.size // 2
     return np.asarray(toeplitz(coefficients[n:], coefficients[n::-1]))
 
 
-def _root(square: Complexes) -> Complexes:
+def square_root(square: Complexes) -> Complexes:
     """√ with the sign of a wave that runs or decays along +z; kept off zero by `_CUTOFF`."""
     root = np.sqrt(square)
     root = np.where(root.real + root.imag < 0, -root, root)
     return np.where(np.abs(root) < _CUTOFF, _CUTOFF * np.exp(0.25j * np.pi), root)
 
 
-def _ridge_modes(cell: Metagrating, u_m: Floats) -> _Modes:
-    """Both families of modes of the ridge layer for order cosines u_m (n,)."""
-    ridge, gap = cell.index.permittivity, complex(cell.surroundings.front) ** 2
-    epsilon = _toeplitz(fourier_coefficients(cell, ridge, gap, u_m.size - 1))
-    inverse = _toeplitz(fourier_coefficients(cell, 1 / ridge, 1 / gap, u_m.size - 1))
+@dataclass(frozen=True)
+class Lamella:
+    """A layer in solver units: thickness in radians of vacuum (2π h/λ), permittivity of the gaps, ridges in periods."""
+
+    thickness: float
+    background: complex
+    ridges: list[tuple[float, float, complex]]
+
+    def matrices(self, n: int) -> tuple[Complexes, Complexes]:
+        """⟦ε⟧ and ⟦1/ε⟧ (n, n)."""
+        inverse = [(start, width, 1 / value) for start, width, value in self.ridges]
+        return (
+            toeplitz_matrix(fourier_coefficients(self.background, self.ridges, n - 1)),
+            toeplitz_matrix(fourier_coefficients(1 / self.background, inverse, n - 1)),
+        )
+
+
+def lamellae(stack: LamellarStack) -> list[Lamella]:
+    """The layers of a stack in solver units; ridges of the gaps' own material are left out."""
+    out = []
+    for layer in stack.layers:
+        background = layer.index.permittivity
+        ridges = [
+            (ridge.start_nm / stack.period_nm, ridge.width_nm / stack.period_nm, ridge.index.permittivity)
+            for ridge in layer.ridges if ridge.index.permittivity != background
+        ]
+        out.append(Lamella(2 * np.pi * layer.thickness_nm / stack.wavelength_nm, background, ridges))
+    return out
+
+
+def modes(layer: Lamella, u_m: Floats) -> LayerModes:
+    """Both families of modes of a layer for order cosines u_m (n,)."""
+    if not layer.ridges:
+        one, k = np.eye(u_m.size, dtype=complex), np.diag(u_m).astype(complex)
+        beta2 = layer.background - u_m**2 + 0j
+        return LayerModes(beta2, one, k, beta2, one, np.diag(beta2) / layer.background, k / layer.background)
+    epsilon, inverse = layer.matrices(u_m.size)
     beta2_s, psi = np.linalg.eig(epsilon - np.diag(u_m**2))
-    k_inverse_epsilon = np.linalg.solve(epsilon.T, np.diag(u_m).astype(complex)).T  # K ⟦ε⟧⁻¹
     inverse_epsilon_k = np.linalg.solve(epsilon, np.diag(u_m).astype(complex))  # ⟦ε⟧⁻¹ K
-    operator = np.linalg.solve(inverse, np.eye(u_m.size) - k_inverse_epsilon * u_m)
+    operator = np.linalg.solve(inverse, np.eye(u_m.size) - u_m[:, None] * inverse_epsilon_k)
     beta2_p, phi = np.linalg.eig(operator)
-    return _Modes(
+    return LayerModes(
         beta2_s, psi, u_m[:, None] * psi, beta2_p, phi, inverse @ phi * beta2_p, inverse_epsilon_k @ phi
     )
 
 
-def _columns(modes: _Modes, v: Floats) -> tuple[Complexes, Complexes, Complexes]:
-    """Tangential E and h (n_v, 2n, 2n) of all modes running along +z, and their k_z (n_v, 2n)."""
-    n = modes.beta2_s.size
-    k_z = _root(np.concatenate([modes.beta2_s, modes.beta2_p]) - v[:, None] ** 2)
-    e = np.zeros((v.size, 2 * n, 2 * n), complex)
-    h = np.zeros_like(e)
-    e[:, :n, n:] = modes.displaced_phi
-    e[:, n:, :n] = modes.psi * k_z[:, None, :n]
-    e[:, n:, n:] = -v[:, None, None] * modes.k_phi
-    h[:, :n, :n] = -modes.psi * modes.beta2_s
-    h[:, n:, :n] = v[:, None, None] * modes.k_psi
-    h[:, n:, n:] = modes.phi * k_z[:, None, n:]
-    return e, h, k_z
+# --- homogeneous parts: order by order, s and p apart -----------------------------------------------------------------
 
 
-def _tensor(s: Complexes, p: Complexes, u_m: Floats, v: Floats) -> Complexes:
-    """Blocks (n_v, n, 2, 2) giving [h_x, h_y] from [E_x, E_y], of each order's admittances s and p (n_v, n)."""
+def half_space(u_m: Floats, v: Floats, permittivity: complex) -> tuple[Complexes, Complexes]:
+    """k_z and the admittances of s and p (2, n_v, n) of outgoing plane waves."""
+    k_t, index = np.hypot(u_m, v[:, None]), np.sqrt(complex(permittivity))
+    k_z = square_root((index - k_t) * (index + k_t))  # a product keeps its digits at glancing light
+    return k_z, np.stack([k_z, permittivity / k_z])
+
+
+def tail(
+    layers: list[Lamella], permittivity: complex, u_m: Floats, v: Floats
+) -> tuple[Complexes, Complexes]:
+    """What lies behind the last patterned layer: homogeneous `layers` and a half-space.
+
+    Returns ρ (2, n_v, n) for s and p, and the tangential ẑ × E (2, n_v, n) in the half-space per f₊ at the top.
+    """
+    _, y = half_space(u_m, v, permittivity)
+    rho, through = (1 - y) / (1 + y), 1 / (1 + y)
+    for layer in reversed(layers):
+        k_z, y = half_space(u_m, v, layer.background)
+        x = np.exp(1j * k_z * layer.thickness)
+        bounce = (rho * (1 + y) - (1 - y)) * x / ((1 + y) - rho * (1 - y))
+        top = (1 + y) + (1 - y) * x * bounce
+        rho, through = ((1 - y) + (1 + y) * x * bounce) / top, through * ((1 + y) * x + (1 - y) * bounce) / top
+    return rho, through
+
+
+def blocks(values: Complexes, u_m: Floats, v: Floats) -> Complexes:
+    """Blocks (n_v, n, 2, 2) in (x, y) of an operator on f, from its values (2, n_v, n) for s and p.
+
+    f = ẑ × E ± h lies along k_t for s and across it for p.
+    """
     k_t = np.hypot(u_m, v[:, None])
     safe = np.where(k_t > 0, k_t, 1.0)
     a, b = np.where(k_t > 0, u_m / safe, 1.0), np.where(k_t > 0, v[:, None] / safe, 0.0)
-    cross = a * b * (p - s)
-    rows = [np.stack([-cross, -(p * b * b + s * a * a)], -1), np.stack([p * a * a + s * b * b, cross], -1)]
+    s, p = values
+    cross = a * b * (s - p)
+    rows = [np.stack([s * a * a + p * b * b, cross], -1), np.stack([cross, s * b * b + p * a * a], -1)]
     return np.stack(rows, -2)
 
 
-def _half_space(u_m: Floats, v: Floats, permittivity: complex) -> tuple[Complexes, Complexes, Complexes]:
-    """k_z and the admittances for s and p (n_v, n) of outgoing plane waves."""
-    k_t, index = np.hypot(u_m, v[:, None]), np.sqrt(complex(permittivity))
-    k_z = _root((index - k_t) * (index + k_t))  # a product keeps its digits at glancing light
-    return k_z, k_z, permittivity / k_z
+def apply_blocks(tensor: Complexes, columns: Complexes) -> Complexes:
+    """Blocks (n_v, n, 2, 2) on stacked components [x (n), y (n)] of columns (n_v, 2n, k)."""
+    n = tensor.shape[1]
+    x, y = columns[:, :n], columns[:, n:]
+    return np.concatenate([tensor[..., i, 0, None] * x + tensor[..., i, 1, None] * y for i in (0, 1)], axis=1)
+
+
+# --- the response -----------------------------------------------------------------------------------------------------
+
+
+def _turned(field: Complexes) -> Complexes:
+    """ẑ × of stacked tangential components [x (n), y (n)] along axis −2."""
+    n = field.shape[-2] // 2
+    return np.concatenate([-field[..., n:, :], field[..., :n, :]], axis=-2)
+
+
+def _flux(turned_e: Complexes, h: Complexes) -> Floats:
+    """Power along +z (n_v, 4, n) of each order for the Stokes components, from ẑ × E and h (n_v, 2n, 2).
+
+    With two unit polarisations a and b the power is P_aa |a|² + P_bb |b|² + 2 Re(P_ab a b*).
+    """
+    n = h.shape[1] // 2
+    power = (turned_e[:, :n, :, None] * h[:, :n, None].conj() + turned_e[:, n:, :, None] * h[:, n:, None].conj())
+    aa, bb = power[..., 0, 0].real, power[..., 1, 1].real
+    ab = (power[..., 0, 1] + power[..., 1, 0].conj()) / 2
+    return np.stack([(aa + bb) / 2, (aa - bb) / 2, ab.real, -ab.imag], axis=1)
 
 
 @dataclass(frozen=True)
-class _Back:
-    """Membrane and half-space behind the ridges: admittance blocks seen from the ridges, and field transmission."""
+class Stack:
+    """A cell prepared for the solver: pitch λ/d, patterned layers, homogeneous layers behind them, permittivities."""
 
-    admittance: Complexes
-    transfer: Complexes
-    half_space: Complexes
-
-
-def _back(cell: Metagrating, u_m: Floats, v: Floats) -> _Back:
-    """The homogeneous part, order by order. transfer (n_v, n, 2, 2) takes tangential E from its top to its bottom."""
-    film = cell.index.permittivity
-    _, s_out, p_out = _half_space(u_m, v, complex(cell.surroundings.back) ** 2)
-    k_z, s_in, p_in = _half_space(u_m, v, film)
-    x = np.exp(1j * k_z * 2 * np.pi * cell.membrane_nm / cell.wavelength_nm)
-    top, through = [], []
-    for inner, outer in ((s_in, s_out), (p_in, p_out)):
-        r = (inner - outer) / (inner + outer)
-        top.append(inner * (1 - r * x * x) / (1 + r * x * x))
-        through.append((1 + r) * x / (1 + r * x * x))
-    # Transmission acts along t (p) and across it (s): the admittance tensor turned back by a quarter turn.
-    turned = _tensor(through[0], through[1], u_m, v)
-    transfer = np.stack([turned[..., 1, :], -turned[..., 0, :]], -2)
-    return _Back(_tensor(top[0], top[1], u_m, v), transfer, _tensor(s_out, p_out, u_m, v))
+    pitch: float
+    patterned: list[Lamella]
+    behind: list[Lamella]
+    front_index: float
+    back: complex
 
 
-def _apply(blocks: Complexes, columns: Complexes) -> Complexes:
-    """Blocks (n_v, n, 2, 2) on stacked components [x (n), y (n)] of columns (n_v, 2n, k)."""
-    n = blocks.shape[1]
-    x, y = columns[:, :n], columns[:, n:]
-    rows = [blocks[..., i, 0, None] * x + blocks[..., i, 1, None] * y for i in (0, 1)]
-    return np.concatenate(rows, axis=1)
+def prepare(cell: Metagrating | LamellarStack) -> Stack:
+    """The cell in solver units."""
+    stack = as_stack(cell)
+    layers = lamellae(stack)
+    last = max((i for i, layer in enumerate(layers) if layer.ridges), default=0)
+    around = stack.surroundings
+    return Stack(stack.pitch, layers[: last + 1], layers[last + 1 :], around.front, complex(around.back) ** 2)
 
 
-def _flux(e: Complexes, h: Complexes) -> Floats:
-    """Power along +z (n_v, n) of each order from stacked tangential fields (n_v, 2n, 1)."""
-    n = e.shape[1] // 2
-    return np.asarray((e[:, :n] * h[:, n:].conj() - e[:, n:] * h[:, :n].conj()).real[..., 0])
+def _incident(u: float, v: Floats, order: int, index: float) -> tuple[Complexes, Complexes]:
+    """ẑ × E and h (n_v, 2n, 2) of unit light in the zeroth order, polarised along each of the two basis vectors."""
+    n = 2 * order + 1
+    e, h = np.zeros((2, v.size, 2 * n, 2), complex)
+    k = wave_vector(u, v, index)
+    for c, field in enumerate(polarisation_basis(u, v, index)):
+        magnetic = np.cross(k, field)
+        e[:, order, c], e[:, n + order, c] = field[:, 0], field[:, 1]
+        h[:, order, c], h[:, n + order, c] = magnetic[:, 0], magnetic[:, 1]
+    return _turned(e), h
 
 
-def _solve_row(cell: Metagrating, u: float, v: Floats, order: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Efficiencies, q and absorptance for one u and all v (n_v)."""
+def efficiencies(stack: Stack, u: float, v: Floats, order: int) -> tuple[Floats, Floats]:
+    """Reflected and transmitted efficiencies (n_v, 4, n) of the orders for the Stokes components."""
+    u_m = u + stack.pitch * np.arange(-order, order + 1)
+    layers = [modes(layer, u_m) for layer in stack.patterned]
+    stacked = LayerModes(*(np.stack(part) for part in zip(*layers, strict=True)))
+    beta2 = np.concatenate([stacked.beta2_s, stacked.beta2_p], axis=1)
+    k_z = square_root(beta2 - v[:, None, None] ** 2)
+    x = np.exp(1j * k_z * np.array([layer.thickness for layer in stack.patterned])[:, None])
+    _, y_front = half_space(u_m, v, complex(stack.front_index) ** 2)
+    front = blocks((1 - y_front) / (1 + y_front), u_m, v)
+    rho, through = tail(stack.behind, stack.back, u_m, v)
+    e_in, h_in = _incident(u, v, order, stack.front_index)
+    source = e_in + h_in - apply_blocks(front, e_in - h_in)
+    top = np.empty((v.size, 2, *source.shape[1:]), complex)
+    bottom = np.empty_like(source)
+    scatter(stacked, v, k_z, x, front, blocks(rho, u_m, v), source, top, bottom)
+
+    e_r, h_r = (top[:, 0] + top[:, 1]) / 2 - e_in, (top[:, 0] - top[:, 1]) / 2 - h_in
+    e_t = apply_blocks(blocks(through, u_m, v), bottom)
+    h_t = apply_blocks(blocks(half_space(u_m, v, stack.back)[1], u_m, v), e_t)
+    incident = _flux(e_in, h_in)[:, :1, order, None]
+    return -_flux(e_r, h_r) / incident, _flux(e_t, h_t) / incident
+
+
+def _solve_row(cell_axis: str, stack: Stack, u: float, v: Floats, order: int) -> tuple[Floats, ...]:
+    """The parts of a `Response` for one u and all v (n_v)."""
     orders = np.arange(-order, order + 1)
-    n = orders.size
-    front_index, back_index = cell.surroundings.front, cell.surroundings.back
-    u_m = u + cell.pitch * orders
-    e, h, k_z = _columns(_ridge_modes(cell, u_m), v)
-    back = _back(cell, u_m, v)
-    x = np.exp(1j * k_z * 2 * np.pi * cell.ridge_height_nm / cell.wavelength_nm)
-    reach = np.flatnonzero(np.abs(x).max(axis=0) > _NEGLIGIBLE)
-    y_e = _apply(back.admittance, e)
-    # Amplitudes (n_v, 2n, modes that reach so far) turned back by all that lies behind the ridges.
-    bounce = np.linalg.solve(h + y_e, (h - y_e)[:, :, reach]) * x[:, None, reach]
-
-    front = _tensor(*_half_space(u_m, v, complex(front_index) ** 2)[1:], u_m, v)
-    y_e = _apply(front, e)
-    k = wave_vector(u, v, front_index)
-    field = electric_vector(u, v, cell.electric_axis, front_index)
-    magnetic = np.cross(k, field)
-    e_in, h_in = np.zeros((2, v.size, 2 * n, 1), complex)
-    e_in[:, order, 0], e_in[:, n + order, 0] = field[:, 0], field[:, 1]
-    h_in[:, order, 0], h_in[:, n + order, 0] = magnetic[:, 0], magnetic[:, 1]
-    matrix = h + y_e
-    matrix[:, :, reach] -= (h - y_e)[:, :, reach] @ (x[:, reach, None] * bounce[:, reach])
-    down = np.linalg.solve(matrix, 2 * h_in)
-    up = bounce @ down[:, reach]
-
-    e_r = e @ (down + x[:, :, None] * up) - e_in
-    e_t = _apply(back.transfer, e @ (x[:, :, None] * down + up))
-    incident = _flux(e_in, h_in)[:, order, None]
-    reflected = _flux(e_r, _apply(front, e_r)) / incident
-    transmitted = _flux(e_t, _apply(back.half_space, e_t)) / incident
-    _, w_front = order_cosines(u, v, cell.pitch, orders, front_index)
-    _, w_back = order_cosines(u, v, cell.pitch, orders, back_index)
-    reflected = np.where(w_front.real > 0, reflected, 0.0)
-    transmitted = np.where(w_back.real > 0, transmitted, 0.0)
-    q, absorptance = pressure(u, v, k[:, 2], u_m, w_front, w_back, reflected, transmitted)
-    return q, absorptance, reflected, transmitted
+    reflected, transmitted = efficiencies(stack, u, v, order)
+    u_m, w_front = order_cosines(u, v, stack.pitch, orders, stack.front_index)
+    _, w_back = order_cosines(u, v, stack.pitch, orders, float(np.sqrt(stack.back).real))
+    reflected = np.where(w_front.real[:, None] > 0, reflected, 0.0)
+    transmitted = np.where(w_back.real[:, None] > 0, transmitted, 0.0)
+    w = wave_vector(u, v, stack.front_index)[:, 2, None]
+    light = np.array([1.0, 0.0, 0.0, 0.0])
+    q, absorptance = pressure(
+        u, v[:, None], w, u_m, w_front[:, None], w_back[:, None], reflected, transmitted, light
+    )
+    s = stokes(u, v, electric_vector(u, v, cell_axis, stack.front_index), stack.front_index)
+    nominal = [np.einsum("vs,vs...->v...", s, part) for part in (q, absorptance, reflected, transmitted)]
+    return (*nominal, q, absorptance)
 
 
-def solve(cell: Metagrating, u: NDArray[np.float64], v: NDArray[np.float64], order: int) -> Response:
+def solve(cell: Metagrating | LamellarStack, u: NDArray[np.float64], v: NDArray[np.float64], order: int) -> Response:
     """Response over directions u (n_u) × v (n_v) with diffraction orders −order … order (see the module docstring)."""
-    rows = [_solve_row(cell, float(x), np.asarray(v, float), order) for x in np.asarray(u, float)]
+    stack = prepare(cell)
+    rows = [_solve_row(cell.electric_axis, stack, float(x), np.asarray(v, float), order) for x in np.asarray(u, float)]
     return Response(*(np.stack(part) for part in zip(*rows, strict=True)))

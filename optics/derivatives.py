@@ -1,0 +1,228 @@
+"""First derivatives of q in the direction of light and in the geometry, from the Fourier modal solution itself.
+
+The equations are those of `optics.lamellar`, with every layer in its modes, carried with their derivatives.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from optics import dual
+from optics.cells import LamellarStack, Metagrating, as_stack
+from optics.dual import Dual
+from optics.files import InputError
+from optics.incidence import AXES, Floats
+from optics.lamellar import Lamella, lamellae, square_root, toeplitz_matrix
+
+# A YAML field of a stack: layers[0].thickness_nm, layers[0].ridges[1].start_nm, layers[0].ridges[1].width_nm
+_FIELD = re.compile(r"layers\[(\d+)\]\.(?:(thickness_nm)|ridges\[(\d+)\]\.(start_nm|width_nm))$")
+_GRATING = {"ridge_height_nm": "layers[0].thickness_nm", "membrane_nm": "layers[1].thickness_nm"}
+_RIDGE = re.compile(r"ridges_nm\[(\d+)\]\[([01])\]$")
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """q (3,) in (g, r, n), absorptance, and their derivatives by n parameters: q_dot (n, 3), absorptance_dot (n,)."""
+
+    q: Floats
+    absorptance: float
+    q_dot: Floats
+    absorptance_dot: Floats
+
+
+def stack_field(name: str) -> str:
+    """The field of a stack that a field of a metagrating becomes; other names stay as they are."""
+    ridge = _RIDGE.match(name)
+    if ridge:
+        return f"layers[0].ridges[{ridge[1]}].{('start_nm', 'width_nm')[int(ridge[2])]}"
+    return _GRATING.get(name, name)
+
+
+def derivatives(
+    cell: Metagrating | LamellarStack, u: float, v: float, order: int, parameters: Sequence[str] = ("u", "v")
+) -> Derivatives:
+    """Derivatives of q at one direction by 'u', 'v', 'period_nm' and fields of the cell as its YAML names them.
+
+    Fields: `layers[i].thickness_nm`, `layers[i].ridges[j].start_nm` or `.width_nm`; of a metagrating
+    `ridge_height_nm`, `membrane_nm`, `ridges_nm[j][0]` (start) and `[1]` (width). Per nm for lengths. InputError for
+    other names. At a Rayleigh cut-off itself q has no derivative.
+    """
+    stack = as_stack(cell)
+    seeds = _Seeds(stack, parameters)
+    u_dual, v_dual = seeds.scalar(u, "u"), seeds.scalar(v, "v")
+    pitch = seeds.scalar(stack.pitch, "period_nm", -stack.pitch / stack.period_nm)
+    u_m = u_dual + pitch * np.arange(-order, order + 1.0)
+    back = complex(stack.surroundings.back) ** 2
+    rho = _reflection(u_m, v_dual, back)
+    f_plus = []
+    layers = lamellae(stack)
+    waves = [_waves(seeds, i, layer, u_m, v_dual) for i, layer in enumerate(layers)]
+    bounces: list[Dual] = []
+    for plus, minus, x in reversed(waves):
+        bounce = dual.solve(plus - rho @ minus, (rho @ plus - minus) * x)
+        inside = _column(x) * bounce
+        top = plus + minus @ inside
+        rho = dual.transpose(dual.solve(dual.transpose(top), dual.transpose(minus + plus @ inside)))
+        f_plus.append(top)
+        bounces.append(bounce)
+    q, absorptance = _pressure(stack, u_dual, v_dual, u_m, order, rho, waves, f_plus[::-1], bounces[::-1])
+    return Derivatives(q.value, float(absorptance.value), q.dot, absorptance.dot)
+
+
+class _Seeds:
+    """Which parameter moves what: the derivatives that every input of the solution starts with."""
+
+    def __init__(self, stack: LamellarStack, names: Sequence[str]) -> None:
+        self.stack, self.names = stack, [stack_field(name) for name in names]
+        for name, field in zip(names, self.names, strict=True):
+            if field not in ("u", "v", "period_nm") and not self._exists(field):
+                raise InputError(f"{stack.name}: no derivative by '{name}': must be u, v or a length of the cell")
+
+    def _exists(self, name: str) -> bool:
+        """Whether the stack has that length."""
+        field = _FIELD.match(name)
+        if field is None or int(field[1]) >= len(self.stack.layers):
+            return False
+        return bool(field[2]) or int(field[3]) < len(self.stack.layers[int(field[1])].ridges)
+
+    def scalar(self, value: float, name: str, rate: float = 1.0) -> Dual:
+        """A number that moves at `rate` with the parameter `name` and with no other."""
+        return Dual(np.array(value), np.array([rate if name == own else 0.0 for own in self.names]))
+
+    def thickness(self, i: int, layer: Lamella) -> Dual:
+        """Thickness of layer i in radians."""
+        return self.scalar(layer.thickness, f"layers[{i}].thickness_nm", 2 * np.pi / self.stack.wavelength_nm)
+
+    def matrices(self, i: int, layer: Lamella, n: int) -> tuple[Dual, Dual]:
+        """⟦ε⟧ and ⟦1/ε⟧ (n, n) of layer i."""
+        values = layer.matrices(n)
+        edges = [self._edges(i, layer, n, inverse) for inverse in (False, True)]
+        return Dual(values[0], edges[0]), Dual(values[1], edges[1])
+
+    def _edges(self, i: int, layer: Lamella, n: int, inverse: bool) -> Floats:
+        """Derivatives (n_parameters, n, n): an edge at x (in periods) that moves by δ adds (a − b) e^{−2πi m x} δ."""
+        m, period = np.arange(1 - n, n), self.stack.period_nm
+        out = np.zeros((len(self.names), n, n), complex)
+        ridges = self.stack.layers[i].ridges
+        for j, ridge in enumerate(ridges):
+            inside, outside = ridge.index.permittivity, layer.background
+            step = 1 / inside - 1 / outside if inverse else inside - outside
+            ends = (ridge.start_nm / period, (ridge.start_nm + ridge.width_nm) / period)
+            left, right = (step * np.exp(-2j * np.pi * m * x) for x in ends)
+            for t, name in enumerate(self.names):
+                moves = {
+                    f"layers[{i}].ridges[{j}].start_nm": (right - left) / period,
+                    f"layers[{i}].ridges[{j}].width_nm": right / period,
+                    "period_nm": (left * ends[0] - right * ends[1]) / period,
+                }
+                if name in moves:
+                    out[t] += toeplitz_matrix(moves[name])
+        return out
+
+
+def _column(x: Dual) -> Dual:
+    return Dual(x.value[:, None], x.dot[:, :, None])
+
+
+def _waves(seeds: _Seeds, i: int, layer: Lamella, u_m: Dual, v: Dual) -> tuple[Dual, Dual, Dual]:
+    """f₊, f₋ (2n, 2n) of the modes of layer i running along +z, and their decay (2n,)."""
+    n = u_m.value.size
+    k, one = dual.diagonal(u_m), np.eye(n)
+    if layer.ridges:
+        epsilon, inverse = seeds.matrices(i, layer, n)
+        beta2_s, psi = dual.eig(epsilon - k @ k)
+        inverse_epsilon_k = dual.solve(epsilon, k)
+        beta2_p, phi = dual.eig(dual.solve(inverse, one - k @ inverse_epsilon_k))
+        displaced, k_phi = inverse @ phi * beta2_p, inverse_epsilon_k @ phi
+    else:
+        beta2_s = beta2_p = layer.background - u_m * u_m
+        psi = phi = dual.lift(one.astype(complex), k)
+        displaced, k_phi = dual.diagonal(beta2_p) / layer.background, k / layer.background
+    k_s, k_p = (dual.sqrt(beta2 - v * v, square_root) for beta2 in (beta2_s, beta2_p))
+    electric, magnetic, across = psi * k_s, psi * beta2_s, v * (_column(u_m) * psi)
+    s_plus = dual.concatenate([-electric - magnetic, across], 0)
+    s_minus = dual.concatenate([magnetic - electric, -across], 0)
+    electric, magnetic, across = displaced, phi * k_p, v * k_phi
+    p_plus = dual.concatenate([across, electric + magnetic], 0)
+    p_minus = dual.concatenate([across, electric - magnetic], 0)
+    x = dual.exp(1j * dual.concatenate([k_s, k_p], 0) * seeds.thickness(i, layer))
+    return dual.concatenate([s_plus, p_plus], 1), dual.concatenate([s_minus, p_minus], 1), x
+
+
+def _k_z(u_m: Dual, v: Dual, permittivity: complex) -> Dual:
+    return dual.sqrt(permittivity - u_m * u_m - v * v + 0j, square_root)
+
+
+def _tensor(diagonal: Dual, rest: Dual, u_m: Dual, v: Dual) -> Dual:
+    """`diagonal` on all of f plus `rest` times the dyad of (−v, u), as a matrix (2n, 2n): regular at k_t = 0."""
+    cross = dual.diagonal(-(rest * u_m * v))
+    xx, yy = dual.diagonal(diagonal + rest * v * v), dual.diagonal(diagonal + rest * u_m * u_m)
+    return dual.concatenate([dual.concatenate([xx, cross], 1), dual.concatenate([cross, yy], 1)], 0)
+
+
+def _reflection(u_m: Dual, v: Dual, permittivity: complex) -> Dual:
+    """ρ of a half-space: (1 − k_z)/(1 + k_z) for s; p differs by k_t² times `rest`, as y_s − y_p = −k_t²/k_z."""
+    k_z = _k_z(u_m, v, permittivity)
+    rest = -2.0 / (k_z * (1.0 + k_z) * (1.0 + permittivity / k_z))
+    return _tensor((1.0 - k_z) / (1.0 + k_z), rest, u_m, v)
+
+
+def _pressure(
+    stack: LamellarStack, u: Dual, v: Dual, u_m: Dual, order: int, rho: Dual, waves: list[tuple[Dual, Dual, Dual]],
+    tops: list[Dual], bounces: list[Dual],
+) -> tuple[Dual, Dual]:
+    """Force and absorptance: q (3,) from ρ of all layers, and the way of f₊ through them."""
+    front, back = complex(stack.surroundings.front) ** 2, complex(stack.surroundings.back) ** 2
+    w = dual.sqrt(front.real - u * u - v * v)
+    e_in, h_in = _incident(stack, u, v, w, order)
+    outside = _reflection(u_m, v, front)
+    source = e_in + h_in - outside @ (e_in - h_in)
+    one = np.eye(source.value.shape[0])
+    f = dual.solve(one - outside @ rho, source)
+    g = rho @ f
+    reflected = -1.0 * _flux((f + g) / 2.0 - e_in, (f - g) / 2.0 - h_in)
+    for (plus, minus, x), top, bounce in zip(waves, tops, bounces, strict=True):
+        down = dual.solve(top, f)
+        f = plus @ (_column(x) * down) + minus @ (bounce @ down)
+    g = _reflection(u_m, v, back) @ f
+    transmitted = _flux((f + g) / 2.0, (f - g) / 2.0)
+    incident = _flux(e_in, h_in)[order]
+    w_front, w_back = (_k_z(u_m, v, value) for value in (front, back))
+    reflected = (reflected / incident).where(w_front.value.real > 1e-7)
+    transmitted = (transmitted / incident).where(w_back.value.real > 1e-7)
+    lost = reflected + transmitted
+    absorptance = 1.0 - lost.sum()
+    q_g = u - (lost * u_m).sum()
+    q_n = w + (reflected * w_front.real - transmitted * w_back.real).sum()
+    return dual.stack([q_g, v * absorptance, q_n]), absorptance
+
+
+def _incident(stack: LamellarStack, u: Dual, v: Dual, w: Dual, order: int) -> tuple[Dual, Dual]:
+    """ẑ × E and h (2n, 1) of the incident light, polarised along the cell's own axis."""
+    index = stack.surroundings.front
+    k = [u, v, w]
+    along = k[AXES[stack.electric_axis]]
+    field = [-1.0 * part * along / index**2 for part in k]
+    field[AXES[stack.electric_axis]] = field[AXES[stack.electric_axis]] + 1.0
+    magnetic = [v * field[2] - w * field[1], w * field[0] - u * field[2]]
+    n = 2 * order + 1
+    return _placed([-1.0 * field[1], field[0]], order, n), _placed(magnetic, order, n)
+
+
+def _placed(pair: list[Dual], order: int, n: int) -> Dual:
+    """Column (2n, 1) that holds two numbers in the zeroth order of its two halves."""
+    value, dot = np.zeros((2 * n, 1), complex), np.zeros((pair[0].dot.shape[0], 2 * n, 1), complex)
+    for place, part in zip((order, n + order), pair, strict=True):
+        value[place, 0], dot[:, place, 0] = part.value, part.dot
+    return Dual(value, dot)
+
+
+def _flux(turned_e: Dual, h: Dual) -> Dual:
+    """Power along +z (n,) of each order."""
+    product = (turned_e * h.conj).real
+    n = product.value.shape[0] // 2
+    return product[:n, 0] + product[n:, 0]
