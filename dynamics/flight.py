@@ -1,7 +1,8 @@
 """The flight file: VTKHDF that ParaView opens as a time series, with the numbers of the whole sail in group /series.
 
 /VTKHDF is a transient unstructured grid of fixed triangles (VTK file format documentation, "VTKHDF"): points and the
-node data temperature and velocity, the cell data temperature, strain (largest of the three sides) and sector.
+node data temperature and velocity, the cell data temperature, strain (the larger principal
+one; of springs that of the longest of the three sides) and sector.
 """
 
 from __future__ import annotations

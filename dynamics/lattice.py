@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.linalg import eigsh
 
-from dynamics.mesh import Floats, Mesh
+from dynamics.mesh import Floats, Integers, Mesh
 from dynamics.scene import Flight, Sail
 
 
@@ -34,9 +34,10 @@ def _over_edges(mesh: Mesh, contribution: Floats) -> Floats:
 
 
 def _half_cotangent(mesh: Mesh) -> Floats:
-    """½ cot (t, 3) of the angle opposite each side, with its sign: (l₁² + l₂² − L²)/(8A)."""
-    squares = mesh.lengths[mesh.triangle_edges] ** 2
-    return np.asarray((squares.sum(axis=1, keepdims=True) - 2.0 * squares) / (8.0 * mesh.areas[:, None]))
+    """½ cot (t, 3) of the angle opposite each side 01, 12, 20, with its sign: half the dot over the cross product."""
+    x = mesh.nodes[mesh.triangles]
+    dots = [np.sum((x[:, i] - x[:, k]) * (x[:, j] - x[:, k]), axis=1) for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))]
+    return np.asarray(np.stack(dots, axis=1) / (4.0 * mesh.areas[:, None]))
 
 
 def stiffness(sail: Sail, mesh: Mesh, form: str, rim_factor: float = 1.0) -> Floats:
@@ -52,6 +53,29 @@ def stiffness(sail: Sail, mesh: Mesh, form: str, rim_factor: float = 1.0) -> Flo
         area_term = area_term / (1.0 + poisson) + poisson / (1.0 - poisson**2) * _half_cotangent(mesh)
     k = _over_edges(mesh, membrane[:, None] * area_term)
     return np.asarray(np.where(mesh.rim, rim_factor, 1.0) * k)
+
+
+def cotangents(mesh: Mesh) -> Floats:
+    """Cotangents (t, 3) of the angles opposite the sides 01, 12, 20."""
+    return 2.0 * _half_cotangent(mesh)
+
+
+def side_moduli(sail: Sail, mesh: Mesh) -> Floats:
+    """Second derivatives ∂²U/∂q∂q (t, 3, 3) in N/m³ of the energy of each triangle by its squared sides q.
+
+    h Y/(16A(1 − ν²)) (c cᵀ − ½(1 − ν)Q), plane stress; c the cotangents, Q = [[−1, 1, 1], [1, −1, 1], [1, 1, −1]]
+    (Delingette, IEEE Trans. Vis. Comput. Graphics 14 (2008) 329).
+    """
+    poisson = per_triangle(sail, mesh, "poisson")[:, None, None]
+    c = cotangents(mesh)
+    form = c[:, :, None] * c[:, None, :] - 0.5 * (1.0 - poisson) * (1.0 - 2.0 * np.eye(3))
+    return np.asarray(0.5 * sheet_modulus(sail, mesh)[:, None, None] * form)
+
+
+def sheet_modulus(sail: Sail, mesh: Mesh) -> Floats:
+    """Stiffness h Y/(8(1 − ν²)A) (t,) in N/m³ of each triangle."""
+    membrane = per_triangle(sail, mesh, "young_Pa") * per_triangle(sail, mesh, "thickness_m")
+    return np.asarray(membrane / (8.0 * (1.0 - per_triangle(sail, mesh, "poisson") ** 2) * mesh.areas))
 
 
 def conductance(sail: Sail, mesh: Mesh, form: str) -> Floats:
@@ -78,7 +102,10 @@ def over_adjacent(mesh: Mesh, values: Floats, how: str) -> Floats:
 
 @dataclass(frozen=True)
 class Lattice:
-    """Node masses (n,) kg and heat capacities (n,) J/K; spring constants, conductances, expansion and limits (e,)."""
+    """Node masses (n,) kg and heat capacities (n,) J/K; spring constants, conductances, expansion and limits (e,).
+
+    Where triangles carry the load, the spring constants are empty.
+    """
 
     masses: Floats
     heat_capacities: Floats
@@ -95,10 +122,12 @@ def lattice(sail: Sail, mesh: Mesh, flight: Flight) -> Lattice:
     expansion = over_adjacent(mesh, per_triangle(sail, mesh, "expansion_1_K"), "mean")
     if flight.expansion_1_K is not None:
         expansion = np.full_like(expansion, flight.expansion_1_K)
+    triangles = flight.stiffness == "triangles"
+    springs = np.empty(0) if triangles else stiffness(sail, mesh, flight.stiffness, flight.rim_factor)
     return Lattice(
         masses=lump(mesh, areal_mass),
         heat_capacities=lump(mesh, areal_mass * per_triangle(sail, mesh, "heat_capacity_J_kgK")),
-        stiffness=stiffness(sail, mesh, flight.stiffness, flight.rim_factor),
+        stiffness=springs,
         conductance=conductance(sail, mesh, flight.conductance),
         expansion=expansion,
         limit_strain=over_adjacent(mesh, per_triangle(sail, mesh, "limit_strain"), "min"),
@@ -106,27 +135,39 @@ def lattice(sail: Sail, mesh: Mesh, flight: Flight) -> Lattice:
     )
 
 
+def _assemble(blocks: Floats, nodes: Integers, size: int) -> csr_matrix:
+    """Sum (3·size, 3·size) of element matrices blocks (k, 3m, 3m) over nodes (k, m)."""
+    freedoms = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
+    rows = np.broadcast_to(freedoms[:, :, None], blocks.shape)
+    columns = np.broadcast_to(freedoms[:, None, :], blocks.shape)
+    shape = (3 * size, 3 * size)
+    return coo_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=shape).tocsr()
+
+
 def stiffness_matrix(mesh: Mesh, k: Floats) -> csr_matrix:
-    """K (3n, 3n) in N/m about the rest shape: each spring resists along its own direction only."""
+    """K (3n, 3n) in N/m of springs k (e,) about the rest shape: each resists along its own direction only."""
     a, b = mesh.edges.T
     direction = (mesh.nodes[b] - mesh.nodes[a]) / mesh.lengths[:, None]
-    block = k[:, None, None] * direction[:, :, None] * direction[:, None, :]
-    rows, columns, values = [], [], []
-    for p, q, sign in ((a, a, 1.0), (b, b, 1.0), (a, b, -1.0), (b, a, -1.0)):
-        i, j = np.meshgrid(np.arange(3), np.arange(3), indexing="ij")
-        rows.append((3 * p[:, None, None] + i).ravel())
-        columns.append((3 * q[:, None, None] + j).ravel())
-        values.append((sign * block).ravel())
-    size = 3 * len(mesh.nodes)
-    return coo_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(size, size)
-    ).tocsr()
+    stretch = np.concatenate([-direction, direction], axis=1)
+    return _assemble(k[:, None, None] * stretch[:, :, None] * stretch[:, None, :], mesh.edges, len(mesh.nodes))
 
 
-def highest_frequency(mesh: Mesh, k: Floats, masses: Floats) -> float:
-    """ω_max in rad/s: the root of the largest eigenvalue of M⁻¹K about the rest shape, by Lanczos iteration."""
+def sheet_matrix(sail: Sail, mesh: Mesh) -> csr_matrix:
+    """K (3n, 3n) in N/m of constant-strain triangles about the rest shape."""
+    x = mesh.nodes[mesh.triangles]
+    change = np.zeros((len(x), 3, 3, 3))  # of the squared sides 01, 12, 20 with the three corners
+    for side in range(3):
+        a, b = side, (side + 1) % 3
+        change[:, side, a], change[:, side, b] = 2.0 * (x[:, a] - x[:, b]), 2.0 * (x[:, b] - x[:, a])
+    change = change.reshape(len(x), 3, 9)
+    blocks = np.einsum("tip,tij,tjq->tpq", change, side_moduli(sail, mesh), change)
+    return _assemble(blocks, mesh.triangles, len(mesh.nodes))
+
+
+def highest_frequency(matrix: csr_matrix, masses: Floats) -> float:
+    """ω_max in rad/s: the root of the largest eigenvalue of M⁻¹K by Lanczos iteration; K (3n, 3n), masses (n,)."""
     scale = np.repeat(1.0 / np.sqrt(masses), 3)
-    scaled = stiffness_matrix(mesh, k).multiply(scale[:, None]).multiply(scale[None, :]).tocsr()
+    scaled = matrix.multiply(scale[:, None]).multiply(scale[None, :]).tocsr()
     start = np.random.default_rng(0).standard_normal(scale.size)
     largest = eigsh(scaled, k=1, which="LA", v0=start, return_eigenvectors=False, tol=1e-10)
     return float(np.sqrt(largest[0]))

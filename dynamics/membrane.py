@@ -24,7 +24,7 @@ from dynamics.attitude import rotation_from_angles
 from dynamics.command import stage_arguments
 from dynamics.flight import Frame, series, write_flight
 from dynamics.journal import Journal, leaves, numbers_digest
-from dynamics.kernels import failure, record
+from dynamics.kernels import failure, record, sheet
 from dynamics.kernels.elastic import REFERENCE_TEMPERATURE
 from dynamics.kernels.step import State, Work, run
 from dynamics.lattice import Floats
@@ -160,7 +160,8 @@ class Flight:
         """The first node with a number that is not finite; the start of the edge found where there is none."""
         values = [*self.state.x, *self.state.v, *([self.state.temperature] if self.model.warm else [])]
         broken = np.flatnonzero(~np.isfinite(values).all(axis=0))
-        return int(broken[0]) if broken.size else int(self.membrane.mesh.edges[self.work.flags[1], 0])
+        parts = self.membrane.mesh.triangles if self.membrane.elastic_triangles else self.membrane.mesh.edges
+        return int(broken[0]) if broken.size else int(parts[self.work.flags[1], 0])
 
     def _end(self, code: int, node: int = -1) -> End:
         where, detail = self._place(code, node)
@@ -178,6 +179,8 @@ class Flight:
             u, v = self.work.light.direction
             sector = int(mesh.sector[found])
             return x[mesh.triangles[found]].mean(axis=0), f"triangle {found}, sector {sector}, u = {u:.6g}, v = {v:.6g}"
+        if code == failure.TENSILE and self.membrane.elastic_triangles:
+            return x[mesh.triangles[found]].mean(axis=0), f"triangle {found} of nodes {mesh.triangles[found].tolist()}"
         return x[mesh.edges[found]].mean(axis=0), f"edge {found} between nodes {mesh.edges[found].tolist()}"
 
     def frames(self) -> Iterator[Frame]:
@@ -186,7 +189,7 @@ class Flight:
         for numbers in self.journal.frames:
             points, velocity, temperature = np.split(numbers[1:], [3 * n, 6 * n])
             points = points.reshape(n, 3)
-            strain = strains(self.membrane, points, temperature)[self.membrane.mesh.triangle_edges].max(axis=1)
+            strain = strains(self.membrane, points, temperature)
             yield Frame(float(numbers[0]), points, velocity.reshape(n, 3), temperature, strain)
 
     def columns(self) -> dict[str, tuple[Floats, str]]:
@@ -196,13 +199,24 @@ class Flight:
 
 
 def strains(membrane: Membrane, points: Floats, temperature: Floats) -> Floats:
-    """Strain ℓ/L_T − 1 (e,) of the edges at points (n, 3) in m and temperature (n,) in K."""
-    a, b = membrane.mesh.edges.T
-    free = membrane.mesh.lengths
-    if membrane.model.springs.expansion.size:
+    """Strain (t,) of the triangles at points (n, 3) in m and temperature (n,) in K.
+
+    The larger principal strain where triangles carry the load; of springs the largest ℓ/L_T − 1 of the three sides.
+    """
+    mesh, model = membrane.mesh, membrane.model
+    a, b = mesh.edges.T
+    if membrane.elastic_triangles:
+        space = work_space(model).sheet
+        space.squares[:] = np.sum((points[b] - points[a]) ** 2, axis=1)
+        sheet.grow(model.sheet, model.triangles.corners, temperature, space.free)
+        sheet.strain(model.sheet, space)
+        return np.array([sheet.principal(model.sheet, space, i)[0] for i in range(len(mesh.triangles))])
+    free = mesh.lengths
+    if model.springs.expansion.size:
         mean = 0.5 * (temperature[a] + temperature[b])
         free = free * (1.0 + membrane.lattice.expansion * (mean - REFERENCE_TEMPERATURE))
-    return np.asarray(np.linalg.norm(points[b] - points[a], axis=1) / free - 1.0)
+    edges = np.linalg.norm(points[b] - points[a], axis=1) / free - 1.0
+    return np.asarray(edges[mesh.triangle_edges].max(axis=1))
 
 
 def release(membrane: Membrane, state: State) -> None:

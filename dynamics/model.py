@@ -9,8 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.kernels import elastic, optical, spin, step, thermal, triangles
-from dynamics.lattice import STABILITY, Floats, Lattice, highest_frequency, lattice, per_triangle
+from dynamics.kernels import elastic, optical, sheet, spin, step, thermal, triangles
+from dynamics.lattice import (
+    STABILITY,
+    Floats,
+    Lattice,
+    cotangents,
+    highest_frequency,
+    lattice,
+    per_triangle,
+    sheet_matrix,
+    sheet_modulus,
+    stiffness_matrix,
+)
 from dynamics.mesh import Integers, Mesh, sail_mesh
 from dynamics.scene import Effect, Scene, plan
 from optics.files import InputError
@@ -32,6 +43,11 @@ class Membrane:
     mesh: Mesh
     lattice: Lattice
     model: step.Model
+
+    @property
+    def elastic_triangles(self) -> bool:
+        """Do triangles, not springs, carry the load."""
+        return self.model.sheet.modulus.size > 0
 
 
 def slots(groups: Integers, size: int, positions: Integers, empty: int) -> NDArray[np.uint32]:
@@ -59,8 +75,28 @@ def _springs(mesh: Mesh, lat: Lattice, effects: Plan) -> elastic.Springs:
     return elastic.Springs(
         start=unsigned(mesh.edges[:, 0]), end=unsigned(mesh.edges[:, 1]), stiffness=lat.stiffness, rest=mesh.lengths,
         slots=slots(mesh.edges.ravel(), len(mesh.nodes), (np.arange(m)[:, None] + [0, m]).ravel(), 2 * m),
-        stretch=_if(effects["tensile_failure"].on, 1.0 + lat.limit_strain),
-        expansion=_if(effects["expansion"].on, lat.expansion),
+        stretch=_if(effects["tensile_failure"].on and lat.stiffness.size > 0, 1.0 + lat.limit_strain),
+        expansion=_if(effects["expansion"].on and lat.stiffness.size > 0, lat.expansion),
+    )
+
+
+def _sheet(scene: Scene, mesh: Mesh, effects: Plan) -> sheet.Sheet:
+    """Triangles as elastic elements; empty where springs carry the load."""
+    on, sail, t = scene.flight.stiffness == "triangles", scene.sail, len(mesh.triangles)
+    poisson, young = per_triangle(sail, mesh, "poisson"), per_triangle(sail, mesh, "young_Pa")
+    limit = 4.0 * mesh.areas * (1.0 - poisson**2) * per_triangle(sail, mesh, "strength_Pa") / young
+    expansion = per_triangle(sail, mesh, "expansion_1_K")
+    if scene.flight.expansion_1_K is not None:
+        expansion = np.full(t, scene.flight.expansion_1_K)
+    sides = mesh.triangle_edges.T.ravel()
+    lists = slots(sides, len(mesh.edges), np.arange(3 * t), 3 * t)
+    modulus = sheet_modulus(sail, mesh)
+    return sheet.Sheet(
+        sides=unsigned(sides if on else []), rest=_if(on, mesh.lengths[sides] ** 2),
+        cotangent=_if(on, cotangents(mesh).T.ravel()), area=_if(on, 4.0 * mesh.areas), modulus=_if(on, modulus),
+        shear=_if(on, modulus * (1.0 - poisson)), poisson=_if(on, poisson), slots=lists if on else lists[:, :0],
+        limit=_if(on and effects["tensile_failure"].on, limit),
+        expansion=_if(on and effects["expansion"].on, expansion),
     )
 
 
@@ -150,7 +186,9 @@ def _spin_up(scene: Scene, effects: Plan, dt: float) -> spin.SpinUp:
 def time_step(scene: Scene, mesh: Mesh, lat: Lattice) -> float:
     """The scene's time step in s, or MARGIN · 2/ω_max and at most 1° of turn; InputError above the stability bound."""
     flight = scene.flight
-    omega = highest_frequency(mesh, lat.stiffness, lat.masses)
+    springs = lat.stiffness.size > 0
+    matrix = stiffness_matrix(mesh, lat.stiffness) if springs else sheet_matrix(scene.sail, mesh)
+    omega = highest_frequency(matrix, lat.masses)
     bound = STABILITY[flight.integrator] / omega
     if flight.time_step_s is None:
         turn = 1.0 / (360.0 * abs(scene.release.spin_Hz)) if scene.release.spin_Hz else math.inf
@@ -172,9 +210,10 @@ def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
     spin_up = _spin_up(scene, effects, dt)
     release = max(spin_up.steps, 1)
     model = step.Model(
-        springs=_springs(mesh, lat, effects), triangles=_triangles(scene, mesh), masses=lat.masses,
-        per_mass=1.0 / lat.masses, rest=np.ascontiguousarray(centred(mesh, lat.masses).T), lit=effects["light"].on,
-        light=_light(scene, mesh, tables, effects), warm=is_warm(effects), heat=_heat(scene, mesh, lat, effects),
+        springs=_springs(mesh, lat, effects), sheet=_sheet(scene, mesh, effects), triangles=_triangles(scene, mesh),
+        masses=lat.masses, per_mass=1.0 / lat.masses, rest=np.ascontiguousarray(centred(mesh, lat.masses).T),
+        lit=effects["light"].on, light=_light(scene, mesh, tables, effects), warm=is_warm(effects),
+        heat=_heat(scene, mesh, lat, effects),
         spin_up=spin_up, integrator=INTEGRATORS[scene.flight.integrator], dt=dt, release=release,
         end=release + math.ceil(scene.flight.duration_s / dt - 1e-9), optics_every=scene.flight.optics_every,
         series_every=scene.flight.series_every, fly_away=scene.flight.fly_away_m,
@@ -211,9 +250,14 @@ def work_space(model: step.Model) -> step.Work:
         rate=np.zeros(n if model.warm else 0), emitting=np.zeros(t + 1 if model.heat.emission.size else 0),
         flow=np.zeros(2 * m + 1 if model.heat.conductance.size else 0),
     )
+    elements = model.sheet.modulus.size
+    elastic_sheet = sheet.SheetWork(
+        free=model.sheet.rest.copy(), squares=np.zeros(m if elements else 0), trace=np.zeros(elements),
+        tension=np.zeros(3 * elements + 1 if elements else 0), sum=np.zeros(elements),
+    )
     return step.Work(
-        free=model.springs.rest.copy(), pull=np.zeros((3, 2 * m + 1)), acceleration=np.zeros((3, n)),
-        sides=np.zeros((6, t)), light=_light_work(t if model.lit else 0), heat=heat, flags=np.zeros(2, np.int64),
-        gain=np.zeros(1),
+        free=model.springs.rest.copy(), sheet=elastic_sheet, pull=np.zeros((3, 2 * m + 1)),
+        acceleration=np.zeros((3, n)), sides=np.zeros((6, t)), light=_light_work(t if model.lit else 0), heat=heat,
+        flags=np.zeros(2, np.int64), gain=np.zeros(1),
         stage=step.Stage(*np.zeros((4, 3, stages)), *np.zeros((2, stages if model.warm else 0))),
     )

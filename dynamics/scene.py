@@ -109,6 +109,9 @@ class Flight(Strict):
 
     time_step_s: null for 0.8 of the stability bound of the mesh. optics_every, heat_every: steps between updates of the
     optical coefficients and of the temperatures. spin_up_s: null for the published |f|/(1801.8 max(|f|/100 Hz, 10)).
+    stiffness: 'triangles' of constant strain, or springs along the edges: 'van_gelder' with Poisson's ratio, 'lattice'.
+    Triangles tear where the larger principal stress reaches the strength, springs where their strain reaches strength
+    over Young's modulus. rim_factor: for springs only.
     Published: rk4 with thermal_rate 2/3, stiffness 'lattice' with rim_factor 2, conductance 'first_triangle',
     expansion_1_K 2.33e-6 for every material, stefan_boltzmann 5.67e-8, spin_up_gain 1.001486.
     """
@@ -118,7 +121,7 @@ class Flight(Strict):
     time_step_s: Positive | None = None
     optics_every: Annotated[int, Field(ge=1, le=10000)] = 4
     heat_every: Annotated[int, Field(ge=1, le=10000)] = 4
-    stiffness: Literal["van_gelder", "lattice"] = "van_gelder"
+    stiffness: Literal["triangles", "van_gelder", "lattice"] = "triangles"
     rim_factor: Positive = 1.0
     conductance: Literal["cotangent", "area", "first_triangle"] = "cotangent"
     expansion_1_K: float | None = None

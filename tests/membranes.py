@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dynamics.kernels.record import WIDTH
 from dynamics.kernels.step import run
 from dynamics.membrane import Flight
 from dynamics.scene import Scene, read_scene
@@ -48,7 +49,7 @@ def dark(rings: int = 5, **groups: Any) -> Scene:
 
 def steps(flight: Flight, count: int, fresh: bool = True) -> np.ndarray:
     """Rows of `count` steps from the flight's state, without its release."""
-    rows = np.empty((count // flight.model.series_every + 3, 45))
+    rows = np.empty((count // flight.model.series_every + 3, WIDTH))
     code, n, written = run(flight.model, flight.state, flight.work, flight.step, flight.step + count, fresh, rows)
     assert code == 0
     flight.step = n

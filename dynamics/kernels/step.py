@@ -14,10 +14,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.kernels import elastic, failure, optical, record, thermal, triangles
+from dynamics.kernels import elastic, failure, optical, record, sheet, thermal, triangles
 from dynamics.kernels.beam import ramp
 from dynamics.kernels.elastic import Floats, Springs
 from dynamics.kernels.optical import Light, LightWork
+from dynamics.kernels.sheet import Sheet, SheetWork
 from dynamics.kernels.spin import SpinUp, kick
 from dynamics.kernels.thermal import Heat, HeatWork
 from dynamics.kernels.triangles import Triangles
@@ -34,6 +35,7 @@ class Model(NamedTuple):
     """
 
     springs: Springs
+    sheet: Sheet
     triangles: Triangles
     masses: Floats
     per_mass: Floats
@@ -64,11 +66,12 @@ class State(NamedTuple):
 class Work(NamedTuple):
     """Work space: free lengths (e,) in m, pull (3, 2e + 1), acceleration (3, n), sides (6, t), and that of the effects.
 
-    flags: [1 if the held light is valid, failed edge or triangle]. gain (1,): the ramp at the latest evaluation. stage:
-    arrays of rk4, empty for the others.
+    sheet: that of elastic triangles. flags: [1 if the held light is valid, failed edge or triangle]. gain (1,): the
+    ramp at the latest evaluation. stage: arrays of rk4, empty for the others.
     """
 
     free: Floats
+    sheet: SheetWork
     pull: Floats
     acceleration: Floats
     sides: Floats
@@ -131,8 +134,24 @@ def _light_up(model: Model, work: Work, x: Floats) -> int:
 @numba.njit(cache=True, error_model="numpy")
 def _warm_up(model: Model, work: Work, temperature: Floats) -> int:
     """Free lengths at new temperatures; INTACT, THERMAL or NON_FINITE."""
+    sheet.grow(model.sheet, model.triangles.corners, temperature, work.sheet.free)
     elastic.free_lengths(model.springs, temperature, work.free)
     code, work.flags[1] = failure.first_burnt(model.springs, model.heat.limit, model.heat.lowest, temperature)
+    return code
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _pull(model: Model, work: Work, x: Floats) -> int:
+    """Elastic forces into work.acceleration; INTACT, TENSILE or NON_FINITE."""
+    code = failure.INTACT
+    if model.sheet.modulus.size > 0:
+        if sheet.forces(model.sheet, work.sheet, model.springs, x, work.pull, work.acceleration) > 0:
+            work.flags[1], finite = sheet.first_torn(
+                model.sheet, work.sheet, model.springs, x, work.pull
+            )
+            code = failure.TENSILE if finite else failure.NON_FINITE
+    elif elastic.forces(model.springs, x, work.free, work.pull, work.acceleration) > 0:
+        code, work.flags[1] = failure.first_torn(model.springs, x, work.free)
     return code
 
 
@@ -148,8 +167,8 @@ def evaluate(
         code = _warm_up(model, work, temperature)
         if code != failure.INTACT:
             return code
-    if elastic.forces(model.springs, x, work.free, work.pull, work.acceleration) > 0:
-        code, work.flags[1] = failure.first_torn(model.springs, x, work.free)
+    code = _pull(model, work, x)
+    if code != failure.INTACT:
         return code
     gain = ramp(t, model.light.delay, model.light.rise, model.light.on) if model.lit else 0.0
     work.gain[0] = gain
@@ -295,7 +314,12 @@ def write_row(model: Model, state: State, work: Work, n: int, row: Floats) -> in
         row[i] = 0.0
     row[0] = (n - model.release) * model.dt
     record.motion(model.masses, model.rest, state.x, state.v, row)
-    row[28], row[29], row[31] = elastic.strain_and_energy(model.springs, state.x, work.free)
+    if model.sheet.modulus.size > 0:
+        row[28], row[29], row[31] = sheet.strain_and_energy(
+            model.sheet, work.sheet, model.springs, state.x, work.pull
+        )
+    else:
+        row[28], row[29], row[31] = elastic.strain_and_energy(model.springs, state.x, work.free)
     if model.warm:
         record.warmth(model.triangles, state.temperature, row)
         row[34] = thermal.radiated(work.heat.emitting, model.triangles.slots, state.temperature, model.heat.background)

@@ -134,7 +134,7 @@ def test_the_end_names_the_triangle_lit_from_behind_not_one_clamped_before(tmp_p
 
 @pytest.mark.parametrize("outside", ["stop", "clamp"])
 def test_films_go_on_when_lit_from_behind_and_are_pushed_downstream(tmp_path: Path, outside: str):
-    short = {"flight": {"duration_s": 2e-5}, "outside_table": outside}
+    short = {"flight": {"duration_s": 2e-5}, "outside_table": outside, "effects": {"thermal_failure": False}}
     for scene, tables in ((CONSTANT, {}), (TABLED, plain_film_table())):
         flight, reason = flown_turned_over(altered(scene, **short), tables, tmp_path / str(len(tables)))
         assert reason == "finished"

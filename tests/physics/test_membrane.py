@@ -92,7 +92,7 @@ def test_spinning_disc_stretches_as_the_closed_form_says():
 
     Triangles of the ring mesh are a tenth longer than wide, where springs are no exact sheet: 3 %, at any size.
     """
-    errors = [rim_error(dark(rings), 2 * np.pi * 120.0) for rings in (8, 16, 32)]
+    errors = [rim_error(dark(rings, flight={"stiffness": "van_gelder"}), 2 * np.pi * 120.0) for rings in (8, 16, 32)]
     assert max(errors) < 0.03
     assert errors[2] - errors[1] < 0.7 * (errors[1] - errors[0])
 
@@ -162,11 +162,17 @@ def test_a_freely_expanding_sail_has_no_stress(tmp_path: Path):
     assert np.abs(flight.state.v).max() < 1e-9
 
 
-def test_expansion_that_is_held_back_gives_the_thermal_strain(tmp_path: Path):
-    flight = Flight(dark(effects={"expansion": True}, flight={"series_every": 1}), {}, tmp_path)
+@pytest.mark.parametrize("stiffness", ["triangles", "van_gelder"])
+def test_expansion_that_is_held_back_gives_the_thermal_strain(tmp_path: Path, stiffness: str):
+    """Springs: 1/λ − 1. Triangles: Green strain ½(1 − λ²), as a change of length √(2 − λ²) − 1."""
+    flight = Flight(
+        dark(effects={"expansion": True}, flight={"series_every": 1, "stiffness": stiffness}), {}, tmp_path
+    )
     flight.state.temperature[:] = 700.0
     rows = steps(flight, 1)
-    assert column(rows, "strain_min")[0] == pytest.approx(1.0 / (1.0 + 2.3e-6 * 400.0) - 1.0, rel=1e-10)
+    growth = 1.0 + 2.3e-6 * 400.0
+    want = np.sqrt(2.0 - growth**2) - 1.0 if stiffness == "triangles" else 1.0 / growth - 1.0
+    assert column(rows, "strain_min")[0] == pytest.approx(want, rel=1e-10)
 
 
 def test_temperature_ends_at_radiative_equilibrium():

@@ -1,0 +1,254 @@
+"""Constant-strain triangles: plane stress in a thin sheet without bending stiffness, exact for any triangle.
+
+With the squared sides q_i = ℓ_i² of a triangle, d_i = q_i − λ²L_i² and c_i the cotangent of the rest angle opposite
+side i, its Green strain relative to the free, thermally expanded triangle has
+
+    tr E = c·d/(4A),  det E = (2(d₀d₁ + d₁d₂ + d₂d₀) − d·d)/(64A²),
+
+and the St Venant–Kirchhoff energy U = A h Y/(1 − ν²) ½[(tr E)² − 2(1 − ν) det E] has ∂U/∂q_i as a linear function of d:
+forces act along the sides, as in springs (Delingette, IEEE Trans. Vis. Comput. Graphics 14 (2008) 329). So momentum and
+angular momentum are kept to rounding. Nothing is divided by a length: a triangle may shrink to nothing or turn over.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from dynamics.kernels.elastic import (
+    REFERENCE_TEMPERATURE,
+    Floats,
+    Indices,
+    Springs,
+    collect,
+    negate,
+    separations,
+)
+
+
+class Sheet(NamedTuple):
+    """Triangles as elastic elements, all arrays empty where springs carry the load.
+
+    sides (3t,): edges of the sides 01, then 12, then 20 of all triangles. rest (3t,): their squared rest lengths in m².
+    cotangent (3t,): of the opposite rest angles. area (t,): 4A in m². modulus (t,): h Y/(8(1 − ν²)A) in N/m³; shear
+    (t,): modulus · (1 − ν). poisson (t,). slots (2, e): positions, in [the 3t sides, 0], of the tensions of each edge.
+    limit (t,): 4A(1 − ν²)σ/Y in m², σ the tensile strength; empty where nothing tears. expansion (t,): thermal
+    expansion in 1/K, empty where it is off.
+    """
+
+    sides: Indices
+    rest: Floats
+    cotangent: Floats
+    area: Floats
+    modulus: Floats
+    shear: Floats
+    poisson: Floats
+    slots: Indices
+    limit: Floats
+    expansion: Floats
+
+
+class SheetWork(NamedTuple):
+    """Work space: squared free lengths (3t,) and squared lengths (e,) in m²; tension (3t + 1,), the last 0.
+
+    tension: first d (3t,) in m², then 2 ∂U/∂q in N/m. trace (t,): 4A tr E in m²; sum (t,): d₀ + d₁ + d₂.
+    """
+
+    free: Floats
+    squares: Floats
+    tension: Floats
+    trace: Floats
+    sum: Floats
+
+
+@numba.njit(cache=True, error_model="numpy")
+def grow(sheet: Sheet, corners: Indices, temperature: Floats, free: Floats) -> None:
+    """Squared free lengths (3t,) λ²L², λ = 1 + α(T − 300 K) at the mean of the corners' T (n,), where they expand."""
+    alpha, rest = sheet.expansion, sheet.rest
+    t = alpha.size
+    c0, c1, c2 = corners[0], corners[1], corners[2]
+    for i in range(t):
+        mean = (temperature[c0[i]] + temperature[c1[i]] + temperature[c2[i]]) / 3.0
+        stretch = 1.0 + alpha[i] * (mean - REFERENCE_TEMPERATURE)
+        square = stretch * stretch
+        free[i] = square * rest[i]
+        free[t + i] = square * rest[t + i]
+        free[2 * t + i] = square * rest[2 * t + i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def measure(springs: Springs, x: Floats, pull: Floats, squares: Floats) -> None:
+    """Vectors pull (3, ≥ e) in m from start to end of each edge at nodes x (3, n), and their squared lengths (e,)."""
+    separations(x, springs.start, springs.end, pull)
+    d0, d1, d2 = pull[0], pull[1], pull[2]
+    for i in range(squares.size):
+        squares[i] = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _excess(sides: Indices, squares: Floats, free: Floats, d: Floats) -> None:
+    """Write d (≥ 3t,) = squares − free of the sides."""
+    for i in range(sides.size):
+        d[i] = squares[sides[i]] - free[i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _sums(c: Floats, d: Floats, trace: Floats, total: Floats) -> None:
+    """Write trace (t,) = c·d and total (t,) = d₀ + d₁ + d₂."""
+    t = trace.size
+    c0, c1, c2, d0, d1, d2 = c[:t], c[t : 2 * t], c[2 * t : 3 * t], d[:t], d[t : 2 * t], d[2 * t : 3 * t]
+    for i in range(t):
+        trace[i] = c0[i] * d0[i] + c1[i] * d1[i] + c2[i] * d2[i]
+    for i in range(t):
+        total[i] = d0[i] + d1[i] + d2[i]
+
+
+@numba.njit(cache=True, inline="always")
+def _holds(trace: float, spread: float, poisson: float, limit: float) -> bool:
+    """Whether the larger principal stress is below the strength: given 4A tr E, `spread` and the scaled strength.
+
+    The principal strains are (trace ± √spread)/(8A), spread = 16A²((tr E)² − 4 det E). The larger principal stress is
+    Y/(1 − ν²) times ½(1 + ν) tr E + ½(1 − ν)√spread/(4A); no root is needed to compare it. False for NaN.
+    """
+    margin = limit - 0.5 * (1.0 + poisson) * trace
+    share = 0.5 * (1.0 - poisson)
+    return share * share * spread <= margin * abs(margin)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _failing(sheet: Sheet, work: SheetWork) -> int:
+    """How many triangles have a principal stress above their strength, or are not finite; work.tension still d."""
+    t = sheet.modulus.size
+    d0, d1, d2 = work.tension[:t], work.tension[t : 2 * t], work.tension[2 * t : 3 * t]
+    trace, total, poisson, limit = work.trace, work.sum, sheet.poisson, sheet.limit
+    bad = 0
+    for i in range(limit.size):
+        squares = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
+        spread = trace[i] * trace[i] - total[i] * total[i] + 2.0 * squares
+        bad += 0 if _holds(trace[i], spread, poisson[i], limit[i]) else 1
+    if limit.size == 0:
+        for i in range(t):
+            bad += 0 if abs(trace[i]) < np.inf else 1
+    return bad
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _tighten(c: Floats, modulus: Floats, shear: Floats, trace: Floats, total: Floats, d: Floats) -> None:
+    """Turn d (t,) of one side of each triangle into its tension 2 ∂U/∂q in N/m."""
+    for i in range(trace.size):
+        d[i] = modulus[i] * c[i] * trace[i] - shear[i] * (0.5 * total[i] - d[i])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _gather(tension: Floats, slots: Indices, out: Floats) -> None:
+    """Write out (e,) = sum of the tensions of the one or two triangles beside each edge."""
+    first, second = slots[0], slots[1]
+    for i in range(out.size):
+        out[i] = tension[first[i]] + tension[second[i]]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _scale(factor: Floats, values: Floats) -> None:
+    """values[i] *= factor[i]; values[e + i] = −values[i]."""
+    e = factor.size
+    for i in range(e):
+        values[i] *= factor[i]
+    negate(values, e)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def strain(sheet: Sheet, work: SheetWork) -> None:
+    """Excess of the squared sides, their sum and the trace, at work.squares and work.free."""
+    _excess(sheet.sides, work.squares, work.free, work.tension)
+    _sums(sheet.cotangent, work.tension, work.trace, work.sum)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def forces(sheet: Sheet, work: SheetWork, springs: Springs, x: Floats, pull: Floats, force: Floats) -> int:
+    """Elastic forces on the nodes, force (3, n) in N; how many triangles failed or are not finite.
+
+    pull (3, 2e + 1) is work space whose last column stays 0. Each edge pulls with the tensions of its triangles.
+    """
+    measure(springs, x, pull, work.squares)
+    strain(sheet, work)
+    bad = _failing(sheet, work)
+    t = work.trace.size
+    for c in range(3):
+        _tighten(
+            sheet.cotangent[c * t : (c + 1) * t], sheet.modulus, sheet.shear, work.trace, work.sum,
+            work.tension[c * t : (c + 1) * t],
+        )
+    _gather(work.tension, sheet.slots, work.squares)
+    for c in range(3):
+        _scale(work.squares, pull[c])
+    collect(pull, springs.slots, force)
+    return bad
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _spread(sheet: Sheet, work: SheetWork, i: int) -> float:
+    """16A²((tr E)² − 4 det E) of triangle i, work.tension still d; nothing cancels, as the equal part is taken out."""
+    t = work.trace.size
+    equal = work.trace[i] / sheet.area[i]
+    p = work.tension[i] - equal * sheet.rest[i]
+    q = work.tension[t + i] - equal * sheet.rest[t + i]
+    r = work.tension[2 * t + i] - equal * sheet.rest[2 * t + i]
+    return 2.0 * (p * p + q * q + r * r) - (p + q + r) * (p + q + r)
+
+
+@numba.njit(cache=True, inline="always")
+def _stretch(green: float) -> float:
+    """Relative change of length √(1 + 2E) − 1 of a Green strain E."""
+    return 2.0 * green / (1.0 + math.sqrt(max(1.0 + 2.0 * green, 0.0)))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def principal(sheet: Sheet, work: SheetWork, i: int) -> tuple[float, float]:
+    """Larger and smaller principal elastic strain of triangle i as relative change of length; work.tension still d."""
+    root = math.sqrt(max(_spread(sheet, work, i), 0.0))
+    double = 2.0 * sheet.area[i]
+    return _stretch((work.trace[i] + root) / double), _stretch((work.trace[i] - root) / double)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def energy(sheet: Sheet, work: SheetWork, i: int) -> float:
+    """Elastic energy of triangle i in J; work.tension still d."""
+    t = work.trace.size
+    p, q, r = work.tension[i], work.tension[t + i], work.tension[2 * t + i]
+    squares = p * p + q * q + r * r
+    form = work.sum[i] * work.sum[i] - 2.0 * squares
+    return 0.25 * (sheet.modulus[i] * work.trace[i] * work.trace[i] - 0.5 * sheet.shear[i] * form)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def strain_and_energy(
+    sheet: Sheet, work: SheetWork, springs: Springs, x: Floats, pull: Floats
+) -> tuple[float, float, float]:
+    """Largest and smallest principal strain, and elastic energy in J, at nodes x (3, n); pull is work space."""
+    measure(springs, x, pull, work.squares)
+    strain(sheet, work)
+    largest, smallest, total = -np.inf, np.inf, 0.0
+    for i in range(sheet.modulus.size):
+        first, second = principal(sheet, work, i)
+        largest = max(largest, first)
+        smallest = min(smallest, second)
+        total += energy(sheet, work, i)
+    return largest, smallest, total
+
+
+@numba.njit(cache=True, error_model="numpy")
+def first_torn(sheet: Sheet, work: SheetWork, springs: Springs, x: Floats, pull: Floats) -> tuple[int, bool]:
+    """Lowest triangle above its strength, or one that is not finite, which wins; is it finite. −1 if there is none."""
+    measure(springs, x, pull, work.squares)
+    strain(sheet, work)
+    torn = -1
+    for i in range(sheet.modulus.size):
+        if not abs(work.trace[i]) < np.inf:
+            return i, False
+        limited = sheet.limit.size > 0 and torn < 0
+        if limited and not _holds(work.trace[i], _spread(sheet, work, i), sheet.poisson[i], sheet.limit[i]):
+            torn = i
+    return torn, True

@@ -1,0 +1,265 @@
+"""Constant-strain triangles: the elastic sheet against finite elements, closed forms of discs and drums, breakage."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import skfem
+from scipy.optimize import brentq
+from scipy.sparse import csr_matrix, diags
+from scipy.sparse.linalg import eigsh, spsolve
+from scipy.special import j0, j1, jn_zeros
+from skfem.models.elasticity import lame_parameters, linear_elasticity
+
+from dynamics import lattice
+from dynamics.kernels import sheet
+from dynamics.kernels.step import run
+from dynamics.membrane import Flight, fly
+from dynamics.mesh import Mesh, sail_mesh
+from dynamics.scene import MATERIALS, Scene
+from tests.membranes import dark, steps
+
+YOUNG, POISSON, DENSITY, THICKNESS, RADIUS = 270e9, 0.27, 2700.0, 400e-9, 0.5
+TWO_DIMENSIONS = np.array([True, True, False])
+
+
+def meshed(rings: int) -> tuple[Scene, Mesh, np.ndarray]:
+    """A disc of nitride, its mesh and its node masses."""
+    scene = dark(rings)
+    mesh = sail_mesh(scene.sail)
+    return scene, mesh, lattice.lump(mesh, lattice.per_triangle(scene.sail, mesh, "areal_mass"))
+
+
+def in_plane(mesh: Mesh, matrix: csr_matrix) -> csr_matrix:
+    keep = np.flatnonzero(np.tile(TWO_DIMENSIONS, len(mesh.nodes)))
+    return matrix[keep][:, keep]
+
+
+# Statics
+
+def test_the_stiffness_matrix_is_that_of_linear_finite_elements():
+    """Against scikit-fem: linear triangles in plane stress, λ* = 2λμ/(λ + 2μ)."""
+    scene, mesh, _ = meshed(3)
+    nodes = mesh.nodes.copy()
+    nodes[:, :2] += 0.02 * np.random.default_rng(2).standard_normal((len(nodes), 2))  # no symmetry helps
+    mesh = Mesh(nodes, mesh.triangles, mesh.sector, mesh.cos_across, mesh.sin_across, mesh.reference_node)
+    lame, mu = lame_parameters(YOUNG * THICKNESS, POISSON)
+    grid = skfem.MeshTri(nodes[:, :2].T, mesh.triangles.T)
+    basis = skfem.Basis(grid, skfem.ElementVector(skfem.ElementTriP1()))
+    want = linear_elasticity(2 * lame * mu / (lame + 2 * mu), mu).assemble(basis).toarray()
+    order = np.argsort(basis.nodal_dofs.T.ravel())
+    got = in_plane(mesh, lattice.sheet_matrix(scene.sail, mesh)).toarray()[order][:, order]
+    assert np.abs(got - want).max() < 1e-12 * np.abs(want).max()
+
+
+def spun(rings: int, omega: float) -> tuple[Mesh, np.ndarray]:
+    """Displacements (n, 2) in m of a disc that spins steadily, from the linear stiffness."""
+    scene, mesh, masses = meshed(rings)
+    matrix = in_plane(mesh, lattice.sheet_matrix(scene.sail, mesh))
+    load = (masses[:, None] * omega**2 * mesh.nodes[:, :2]).ravel()
+    free = np.setdiff1d(np.arange(load.size), [0, 1, 2 * mesh.reference_node + 1])
+    turn = np.array([[np.cos(np.pi / 6), np.sin(np.pi / 6)], [-np.sin(np.pi / 6), np.cos(np.pi / 6)]])
+    assert np.allclose((turn @ mesh.nodes[mesh.reference_node, :2]), [RADIUS, 0.0])
+    # Turn the axes so that the pinned node can only move outward
+    blocks = csr_matrix(np.kron(np.eye(len(mesh.nodes)), turn))
+    u = np.zeros(load.size)
+    turned = (blocks @ matrix @ blocks.T).tocsr()
+    u[free] = spsolve(turned[free][:, free], (blocks @ load)[free])
+    return mesh, (blocks.T @ u).reshape(-1, 2)
+
+
+def polar_stress(mesh: Mesh, u: np.ndarray) -> np.ndarray:
+    """σ_r and σ_θ (t, 2) in Pa of displacements u (n, 2) on linear triangles."""
+    x, d = mesh.nodes[mesh.triangles][..., :2], u[mesh.triangles]
+    gradient = np.swapaxes(np.linalg.solve(x[:, 1:] - x[:, :1], d[:, 1:] - d[:, :1]), 1, 2)
+    strain = 0.5 * (gradient + np.swapaxes(gradient, 1, 2))
+    trace = np.trace(strain, axis1=1, axis2=2)[:, None, None]
+    stress = YOUNG / (1 - POISSON**2) * ((1 - POISSON) * strain + POISSON * trace * np.eye(2))
+    out = x.mean(axis=1) / np.linalg.norm(x.mean(axis=1), axis=1, keepdims=True)
+    round_ = np.stack([-out[:, 1], out[:, 0]], axis=1)
+    return np.stack([np.einsum("ti,tij,tj->t", axis, stress, axis) for axis in (out, round_)], axis=1)
+
+
+def test_stress_of_a_spinning_disc_converges_to_the_closed_form_at_first_order():
+    """σ_r = (3 + ν)ρΩ²(R² − r²)/8, σ_θ = ρΩ²((3 + ν)R² − (1 + 3ν)r²)/8 (Timoshenko & Goodier, §32)."""
+    omega, errors = 2 * np.pi * 120.0, []
+    for rings in (6, 12, 24):
+        mesh, u = spun(rings, omega)
+        r2 = (mesh.nodes[mesh.triangles].mean(axis=1) ** 2).sum(axis=1)
+        want = DENSITY * omega**2 / 8 * np.stack([
+            (3 + POISSON) * (RADIUS**2 - r2), (3 + POISSON) * RADIUS**2 - (1 + 3 * POISSON) * r2
+        ], axis=1)
+        off = polar_stress(mesh, u) - want
+        errors.append(np.sqrt(mesh.areas @ off**2 / (mesh.areas @ want**2)))
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(rates > 0.9)
+    assert np.all(rates[-1] > 0.95)
+    assert np.all(errors[-1] < 0.03)
+
+
+def test_the_rim_of_a_spinning_disc_moves_as_the_closed_form_says_at_second_order():
+    """ρΩ²R³(1 − ν)/(4Y)."""
+    omega, errors = 2 * np.pi * 120.0, []
+    for rings in (6, 12, 24):
+        mesh, u = spun(rings, omega)
+        rim = np.unique(mesh.edges[mesh.rim])
+        got = np.sum(u[rim] * mesh.nodes[rim, :2], axis=1).mean() / RADIUS
+        errors.append(abs(got / (DENSITY * omega**2 * RADIUS**3 * (1 - POISSON) / (4 * YOUNG)) - 1))
+    assert np.all(np.log2(np.array(errors[:-1]) / errors[1:]) > 1.9)
+    assert errors[-1] < 1e-3
+
+
+def edge_tensions(scene: Scene, x: np.ndarray, folder: Path) -> csr_matrix:
+    """Geometric stiffness (n, n) in N/m of the sheet at nodes x (3, n): forces across it per displacement across it."""
+    flight = Flight(scene, {}, folder)
+    m, w = flight.model, flight.work
+    assert sheet.forces(m.sheet, w.sheet, m.springs, np.ascontiguousarray(x), w.pull, w.acceleration) == 0
+    a, b = flight.membrane.mesh.edges.T
+    k, n = w.sheet.squares, x.shape[1]  # the tension of each edge over its length
+    matrix = csr_matrix((np.concatenate([-k, -k]), (np.concatenate([a, b]), np.concatenate([b, a]))), shape=(n, n))
+    return (matrix - diags(np.asarray(matrix.sum(axis=1)).ravel())).tocsr()
+
+
+def test_a_stretched_membrane_bulges_under_pressure_as_the_closed_form_says(tmp_path: Path):
+    """w = p(R² − r²)/(4T) (Timoshenko & Woinowsky-Krieger, §92), second order in the mesh."""
+    errors = []
+    for rings in (8, 16, 32):
+        scene, mesh, _ = meshed(rings)
+        stretch = 1e-4
+        tension = YOUNG * THICKNESS / (1 - POISSON) * stretch
+        matrix = edge_tensions(scene, (mesh.nodes * (1 + stretch)).T, tmp_path)
+        load = lattice.lump(mesh, np.ones(len(mesh.triangles))) * 10.0
+        inside = np.setdiff1d(np.arange(len(mesh.nodes)), mesh.edges[mesh.rim])
+        w = spsolve(matrix[inside][:, inside], load[inside])
+        errors.append(abs(w[0] / (10.0 * RADIUS**2 / (4 * tension)) - 1))
+    assert errors[-1] < 1e-3
+    assert np.all(np.log2(np.array(errors[:-1]) / errors[1:]) > 1.75)
+
+
+# Vibration
+
+def nearest_mode(matrix: csr_matrix, masses: np.ndarray, guess: float, shape: np.ndarray) -> float:
+    """Frequency in rad/s of the mode near `guess` that looks most like `shape`."""
+    scale = diags(1 / np.sqrt(masses))
+    values, vectors = eigsh((scale @ matrix @ scale).tocsc(), k=6, sigma=(0.98 * guess) ** 2, v0=np.ones(masses.size))
+    return float(np.sqrt(values[np.argmax(np.abs((np.sqrt(masses) * shape) @ vectors))]))
+
+
+@pytest.mark.parametrize("wave", ["longitudinal", "shear"])
+def test_waves_travel_at_the_speeds_of_a_plate(wave: str):
+    """A free disc breathes at ωR/c with xJ₀(x) = (1 − ν)J₁(x), c² = Y/(ρ(1 − ν²)), and twists at J₂(x) = 0 with
+    c² = Y/(2ρ(1 + ν)) (Love, Theory of Elasticity, §314)."""
+    if wave == "longitudinal":
+        root = brentq(lambda x: x * j0(x) - (1 - POISSON) * j1(x), 1.0, 3.0)
+        speed = np.sqrt(YOUNG / (DENSITY * (1 - POISSON**2)))
+    else:
+        root, speed = jn_zeros(2, 1)[0], np.sqrt(YOUNG / (2 * DENSITY * (1 + POISSON)))
+    errors = []
+    for rings in (6, 12, 24):
+        scene, mesh, masses = meshed(rings)
+        r = np.maximum(np.linalg.norm(mesh.nodes, axis=1, keepdims=True), 1e-12)
+        along = mesh.nodes[:, :2] if wave == "longitudinal" else mesh.nodes[:, 1::-1] * [-1.0, 1.0]
+        shape = along / r * j1(root * r / RADIUS)
+        matrix = in_plane(mesh, lattice.sheet_matrix(scene.sail, mesh))
+        got = nearest_mode(matrix, np.repeat(masses, 2), root * speed / RADIUS, shape.ravel())
+        errors.append(abs(got * RADIUS / (root * speed) - 1))
+    assert errors[-1] < 4e-3
+    assert np.all(np.log2(np.array(errors[:-1]) / errors[1:]) > 1.7)
+
+
+@pytest.mark.parametrize(("diameters", "circles"), [(1, 0), (2, 0), (3, 0), (0, 1), (1, 1), (2, 1)])
+def test_drum_modes_of_a_spinning_membrane(tmp_path: Path, diameters: int, circles: int):
+    """ω²/Ω² = ((m + 2n)(m + 2n + 2)(3 + ν) − m²(1 + 3ν))/8 in the turning frame, m nodal diameters, n nodal circles
+    (Lamb & Southwell, Proc. R. Soc. A 99 (1921) 272). Mode (1, 0) is the tilt: ω = Ω."""
+    omega = 2 * np.pi * 120.0
+    k = diameters + 2 * circles
+    want = omega * np.sqrt((k * (k + 2) * (3 + POISSON) - diameters**2 * (1 + 3 * POISSON)) / 8)
+    errors = []
+    for rings in (12, 24):
+        mesh, u = spun(rings, omega)
+        scene, _, masses = meshed(rings)
+        x = mesh.nodes.copy()
+        x[:, :2] += u
+        matrix = edge_tensions(scene, x.T, tmp_path)
+        r, angle = np.linalg.norm(mesh.nodes, axis=1) / RADIUS, np.arctan2(mesh.nodes[:, 1], mesh.nodes[:, 0])
+        a, b = 1.0, diameters + 2.0 * circles + 1.0
+        radial = r**diameters * (1.0 - circles * (b + a) / (diameters + 1.0) * r**2)
+        scale = diags(1 / np.sqrt(masses))
+        scaled = (scale @ matrix @ scale).tocsc()
+        values, vectors = eigsh(scaled, k=8, sigma=(0.99 * want) ** 2, v0=np.ones(len(masses)))
+        like = sum(((np.sqrt(masses) * radial * f(diameters * angle)) @ vectors) ** 2 for f in (np.cos, np.sin))
+        errors.append(abs(np.sqrt(values[np.argmax(like)]) / want - 1))
+    assert errors[1] < 0.012
+    assert errors[1] < 0.4 * errors[0] or errors[1] < 1e-3
+
+
+# Motion
+
+def test_energy_does_not_drift_over_a_million_steps(tmp_path: Path):
+    flight = Flight(dark(1, flight={"series_every": 100}), {}, tmp_path)
+    flight.state.x[...] *= 1.0 + 1e-3
+    flight.state.x[2] = 1e-2 * flight.state.x[0] ** 2
+    flight.state.v[...] = [-40.0 * flight.state.x[1], 40.0 * flight.state.x[0], 8.0 * flight.state.x[0]]
+    energy = steps(flight, 1_000_000)[:, [30, 31]].sum(axis=1)
+    first, last = energy[:1000].mean(), energy[-1000:].mean()
+    assert abs(last - first) < 2e-3 * np.ptp(energy[:1000])
+
+
+@pytest.mark.parametrize(("spin", "reason"), [(450.0, "finished"), (480.0, "tensile_failure")])
+def test_a_silicon_disc_tears_between_450_and_480_turns_a_second(spin: float, reason: str):
+    """The stress at the centre, (3 + ν)ρΩ²R²/8, reaches the strength of 2.1 GPa at 473 Hz."""
+    silicon = {**MATERIALS["silicon_43nm"].model_dump(), "emissivity_front": 0.0, "emissivity_back": 0.0}
+    scene = dark(
+        10, sail={"sectors": [{"from_deg": 0.0, "material": silicon, "reflectance": 0.0}]},
+        release={"spin_Hz": -spin}, flight={"spin_up_s": 0.02, "duration_s": 1e-4},
+    )
+    end = fly(scene, {})[1]
+    assert end.reason == reason
+    if reason != "finished":
+        assert np.linalg.norm(end.position[:2]) < 0.1
+
+
+# Hard cases
+
+def test_a_triangle_turned_over_and_shrunk_to_nothing_pulls_finitely(tmp_path: Path):
+    flight = Flight(dark(2, effects={"tensile_failure": False}), {}, tmp_path)
+    m, w = flight.model, flight.work
+    for factor in (1.0, 0.0, -1.0):
+        x = np.ascontiguousarray(m.rest * np.array([[factor], [1.0], [1.0]]))
+        assert sheet.forces(m.sheet, w.sheet, m.springs, x, w.pull, w.acceleration) == 0
+        assert np.isfinite(w.acceleration).all()
+        size = np.abs(w.sheet.tension).max() * 0.5
+        assert np.abs(w.acceleration.sum(axis=1)).max() < 1e-14 * max(size, 1e-6)
+    # Turned over, its sides have their lengths again: no force
+    assert np.abs(w.acceleration).max() < 1e-9
+
+
+def test_a_sail_that_folds_flat_keeps_its_energy_and_momentum(tmp_path: Path):
+    """Two halves close like a book in 10 ms and go through each other: the error of the energy is of order Δt²."""
+    swing = []
+    for dt in (4e-6, 2e-6):
+        flight = Flight(dark(5, effects={"tensile_failure": False}, flight={"time_step_s": dt}), {}, tmp_path)
+        x, masses = flight.model.rest, flight.model.masses
+        flight.state.v[2] = 150.0 * np.abs(x[0])
+        flight.state.v[2] -= masses @ flight.state.v[2] / masses.sum()
+        rows, width = [], []
+        for k in range(16):
+            rows.append(steps(flight, round(1e-3 / dt), k == 0))
+            width.append(np.abs(flight.state.x[0]).mean())
+        energy = np.concatenate(rows)[:, [30, 31]].sum(axis=1)
+        swing.append(np.ptp(energy) / energy[0])
+        assert np.linalg.norm(rows[-1][-1, 4:7]) < 1e-12 * 150.0
+        assert min(width) < 0.3 * np.abs(x[0]).mean()
+    assert swing[0] < 1e-3
+    assert 3.0 < swing[0] / swing[1] < 5.0
+
+
+def test_run_is_the_same_to_the_bit(tmp_path: Path):
+    ends = []
+    for _ in range(2):
+        flight = Flight(dark(4), {}, tmp_path)
+        flight.state.x[...] *= 1.001
+        rows = np.empty((300, 45))
+        run(flight.model, flight.state, flight.work, 0, 500, True, rows)
+        ends.append(flight.state.x.copy())
+    assert np.array_equal(*ends)
