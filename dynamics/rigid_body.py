@@ -15,6 +15,7 @@ from dynamics import scene as scenes
 from dynamics.attitude import quaternion_from_angles, rotation_from_quaternion
 from dynamics.kernels import rigid as kernel
 from dynamics.kernels.beam import LIGHT_SPEED
+from dynamics.quadrature import ERROR, beam_rules
 from dynamics.sail import SailShape, sail_shape
 from optics.files import InputError
 from optics.table import PressureTable, TableArrays
@@ -32,10 +33,10 @@ class Units:
 
     @property
     def state(self) -> Floats:
-        """SI values (14,) of the units of position, velocity, quaternion, angular velocity and work."""
+        """SI values (17,) of the units of position, velocity, quaternion, angular velocity, work, angular impulse."""
         speed = self.length / self.time
         scale = [self.length] * 3 + [speed] * 3 + [1.0] * 4 + [1.0 / self.time] * 3 + [self.mass * speed**2]
-        return np.array(scale)
+        return np.array(scale + [self.mass * self.length * speed] * 3)
 
     @property
     def force(self) -> float:
@@ -64,22 +65,20 @@ class RigidBody:
     light: kernel.Light
     tables: tuple[TableArrays, ...]
 
-    def load(self, position: Floats, turn: Floats) -> tuple[Floats, Floats, int]:
+    def load(self, position: Floats, turn: Floats, time: float = 0.0) -> tuple[Floats, Floats, int]:
         """Force (3,) in N in lab components, torque (3,) in N m in body components, flag, at full intensity.
 
-        `position` (3,) in m of the centre of mass in the lab, `turn` (3, 3) from body to lab components.
+        `position` (3,) in m of the centre of mass in the lab, `turn` (3, 3) from body to lab components; the time in s
+        matters for a beam whose polarisation turns.
         """
         out = np.empty(6)
         x, y = position[0] / self.units.length, position[1] / self.units.length
-        flag = kernel.load(self.sail, self.tables, self.light, np.ascontiguousarray(turn, float), x, y, out)
+        matrix, t = np.ascontiguousarray(turn, float), time / self.units.time
+        flag = kernel.load(self.sail, self.tables, self.light, t, matrix, x, y, out)
         return turn @ out[:3] * self.units.force, out[3:] * self.units.torque, flag
 
-    def derivative(self, t: float, state: Floats, out: Floats) -> int:
-        """Write d(state)/dt (14,) in normalised units; flag of the light."""
-        return int(kernel.derivative(self.sail, self.tables, self.light, t, state, out))
-
     def start(self, release: scenes.Release) -> Floats:
-        """State (14,) at release in normalised units: tilted about the origin, spin axis included, then shifted."""
+        """State (17,) at release in normalised units: tilted about the origin, spin axis included, then shifted."""
         quaternion = quaternion_from_angles(np.radians(release.roll_deg), np.radians(release.pitch_deg), 0.0)
         state = np.zeros(kernel.STATE)
         state[:3] = rotation_from_quaternion(quaternion) @ [*self.shape.centre, 0.0]
@@ -90,33 +89,43 @@ class RigidBody:
 
 
 def rigid_body(
-    scene: scenes.Scene, tables: dict[str, PressureTable], lookup: str | None = None, refine: int = 1
+    scene: scenes.Scene, tables: dict[str, PressureTable], lookup: str | None = None, quadrature: float = ERROR
 ) -> RigidBody:
-    """The scene's rigid body. `lookup` overrides the scene's rule of that name; `refine` multiplies the quadrature."""
+    """The scene's rigid body.
+
+    `lookup` overrides the scene's rule of that name; `quadrature` is the error of a sector's integrals, as a share of
+    the power on the centred sail.
+    """
     shape = sail_shape(scene.sail)
     units = normal_units(shape, scene.beam.intensity_W_m2)
+    nearest = (lookup or scene.lookup) == "nearest"
+    sail = _arrays(shape, units, tables, scene.beam, quadrature)
+    return RigidBody(shape, units, sail, _light(scene, units), _tables(tables, nearest))
+
+
+def _light(scene: scenes.Scene, units: Units) -> kernel.Light:
+    """The scene's beam in normalised units."""
     beam = scene.beam
-    light = kernel.Light(
+    return kernel.Light(
         1.0 if beam.intensity_W_m2 > 0 else 0.0, beam.radius_m / units.length, beam.delay_s / units.time,
         beam.rise_s / units.time, beam.on_s / units.time, scene.incidence == "yaw_blind",
         scene.rigid.beam_distance == "published",
     )
-    nearest = (lookup or scene.lookup) == "nearest"
-    return RigidBody(shape, units, _arrays(shape, units, tables, beam, refine), light, _tables(tables, nearest))
 
 
 def _arrays(
-    shape: SailShape, units: Units, tables: dict[str, PressureTable], beam: scenes.Beam, refine: int
+    shape: SailShape, units: Units, tables: dict[str, PressureTable], beam: scenes.Beam, quadrature: float
 ) -> kernel.RigidSail:
     """The sail's arrays in normalised units; tables are numbered in the order of the mapping."""
-    points, weights = shape.quadrature(beam.radius_m, refine)
+    spans = tuple((float(s.start), float(s.stop)) for s in shape.sectors)
+    rules = beam_rules(spans, shape.radius / units.length, beam.radius_m / units.length, quadrature)
     inertia = shape.inertia / (units.mass * units.length**2)
     missing = [s.design for s in shape.sectors if s.design is not None and s.design not in tables]
     if missing:
         raise InputError(f"sail.sectors design = '{missing[0]}': no pressure table given")
     numbers = [-1 if s.design is None else list(tables).index(s.design) for s in shape.sectors]
     return kernel.RigidSail(
-        np.array([s.g for s in shape.sectors]), points / units.length, weights / units.length**2,
+        np.array([s.g for s in shape.sectors]), rules, shape.centre / units.length,
         np.array(numbers, dtype=np.int64), np.array([s.reflectance for s in shape.sectors]),
         np.array([s.absorptance for s in shape.sectors]), inertia, np.linalg.inv(inertia),
     )

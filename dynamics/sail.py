@@ -1,4 +1,4 @@
-"""The flat sail as sectors: areas, mass, inertia, quadrature points, frames, and the optical response of each sector.
+"""The flat sail as sectors: areas, mass, inertia, frames, and the optical response of each sector.
 
 Body frame: the sail lies in z = 0, its normal n = +z points downstream. A sector has g (across the ridges) and
 r = n × g (along them), so that g × r = n:
@@ -68,19 +68,6 @@ class SectorShape:
         mixed = np.sin(b) ** 2 - np.sin(a) ** 2
         return self.radius**4 / 8.0 * np.array([[span + double, mixed], [mixed, span - double]])
 
-    def quadrature(self, n_radial: int, n_angular: int) -> tuple[Floats, Floats]:
-        """Gauss–Legendre points (n, 2) in m and weights (n,) in m² over the sector, n = n_radial · n_angular.
-
-        The rule is the product of two one-dimensional ones (Abramowitz & Stegun, §25.4.29) in radius and polar angle.
-        """
-        x, wx = np.polynomial.legendre.leggauss(n_radial)
-        y, wy = np.polynomial.legendre.leggauss(n_angular)
-        rho = 0.5 * self.radius * (x + 1.0)
-        angle = self.start + 0.5 * (self.stop - self.start) * (y + 1.0)
-        points = np.stack([np.outer(rho, np.cos(angle)), np.outer(rho, np.sin(angle))], axis=-1).reshape(-1, 2)
-        weights = 0.25 * self.radius * (self.stop - self.start) * np.outer(rho * wx, wy)
-        return points, weights.ravel()
-
 
 @dataclass(frozen=True)
 class SailShape:
@@ -116,25 +103,6 @@ class SailShape:
         tensor[:2, :2] = np.trace(moment) * np.eye(2) - moment
         tensor[2, 2] = np.trace(moment)
         return tensor
-
-    def quadrature(self, beam_radius: float, refine: int = 1) -> tuple[Floats, Floats]:
-        """Points (n_s, n, 2) in m from the centre of mass and weights (n_s, n) in m², for a beam of that 1/e² radius.
-
-        At least 12 × 10 points a sector; more where the beam is narrow or the sector wide. Unequal sectors are padded
-        with points of no weight. `refine` multiplies both counts, to measure the error.
-        """
-        scale = refine * max(1.0, self.radius / (1.25 * beam_radius))
-        rules = []
-        for s in self.sectors:
-            wide = max(1.0, (s.stop - s.start) / (2.0 * np.pi / 3.0))
-            rules.append(s.quadrature(int(np.ceil(12 * scale - 1e-9)), int(np.ceil(10 * scale * wide - 1e-9))))
-        most = max(weights.size for _, weights in rules)
-        points = np.zeros((len(rules), most, 2))
-        weights = np.zeros((len(rules), most))
-        for k, (p, w) in enumerate(rules):
-            points[k, : w.size] = p - self.centre
-            weights[k, : w.size] = w
-        return points, weights
 
 
 def sail_shape(sail: scenes.Sail) -> SailShape:

@@ -95,12 +95,14 @@ class Release(Strict):
 class Rigid(Strict):
     """Rigid flight: duration, tolerance (relative and absolute, in normalised units) and rows of output a second.
 
-    beam_distance: 'lateral' distance from the axis; 'published' adds the axial coordinate of the point in the body.
+    most_steps: of the integrator, after which the flight is given up. beam_distance: 'lateral' distance from the axis;
+    'published' adds the axial coordinate of the point in the body.
     """
 
     duration_s: Positive = 1.0
     tolerance: Annotated[float, Field(gt=0, le=1e-2)] = 1e-9
     output_Hz: Positive = 2000.0
+    most_steps: Annotated[int, Field(ge=1)] = 10_000_000
     beam_distance: Literal["lateral", "published"] = "lateral"
 
 

@@ -14,26 +14,41 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.kernels.beam import intensity, ramp
+from dynamics.kernels.beam import ramp
 from optics.table import TableArrays, lookup
 
 Floats = NDArray[np.float64]
 
 INSIDE, OUTSIDE_TABLE, LIT_FROM_BEHIND = 0, 1, 2
-STATE = 14  # position 3, velocity 3, quaternion 4, angular velocity 3, work 1
+MOTION = 13  # position 3, velocity 3, quaternion 4, angular velocity 3
+STATE = MOTION + 4  # and what the light has done: work 1, angular impulse 3
+
+
+class Rules(NamedTuple):
+    """Quadrature rules for beams that fall at different distances from the middle of the sail; lengths in diameters.
+
+    Rule k serves distances up to reach[k] and tilts up to slant[k], as the lateral component of k in the body; the last
+    one serves all. Its points of sector s are first[k, s] … first[k, s + 1]. points (n, 4): X and Y from the middle,
+    exponent, weight, so that ∫ exp(−2ρ²/w²) f dA = Σ weight exp(exponent + 2(d² − ρ²)/w²) f with d² = X² + Y².
+    """
+
+    reach: Floats
+    slant: Floats
+    first: NDArray[np.int64]
+    points: Floats
 
 
 class RigidSail(NamedTuple):
-    """A flat sail of n_s sectors with n_p quadrature points each, all lengths in diameters.
+    """A flat sail of n_s sectors, all lengths in diameters.
 
-    g (n_s, 2): direction across the ridges in body x, y. points (n_s, n_p, 2): from the centre of mass. weights
-    (n_s, n_p): areas. table (n_s,): index of the pressure table, −1 for constant `reflectance`, `absorptance` (n_s,).
+    g (n_s, 2): direction across the ridges in body x, y. rules: quadrature. centre (2,): of mass, from the middle.
+    table (n_s,): index of the pressure table, −1 for constant `reflectance`, `absorptance` (n_s,).
     inertia, inverse (3, 3): inertia tensor about the centre of mass and its inverse.
     """
 
     g: Floats
-    points: Floats
-    weights: Floats
+    rules: Rules
+    centre: Floats
     table: NDArray[np.int64]
     reflectance: Floats
     absorptance: Floats
@@ -108,36 +123,67 @@ def response(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def moments(sail: RigidSail, light: Light, s: int, turn: Floats, x: float, y: float) -> tuple[float, float, float]:
-    """(∫e dA, ∫X e dA, ∫Y e dA) over sector s, e = exp(−2ρ²/w²), with the centre of mass at (x, y) in the lab."""
+def exponent(sail: RigidSail, light: Light, turn: Floats, x: float, y: float, out: Floats) -> int:
+    """Write the coefficients (6,) of the beam's exponent over the sail; returns the quadrature rule that serves it.
+
+    With the middle of the sail at lateral position p, its point d at p + A d, A the lateral part of the rotation, and
+    κ the lateral part of k in the body: ρ² = p² + 2 p·A d + d² − (κ·d)², as AᵀA = 1 − κκᵀ. The coefficients are those
+    of 2(d² − ρ²)/w² = c₀ + c₁X + c₂Y + c₃(c₄X + c₅Y)².
+    """
+    kx, ky = turn[2, 0], turn[2, 1]
+    cx, cy = sail.centre[0], sail.centre[1]
+    px = x - turn[0, 0] * cx - turn[0, 1] * cy
+    py = y - turn[1, 0] * cx - turn[1, 1] * cy
+    s = 2.0 / (light.radius * light.radius)
+    square = px * px + py * py
+    out[0] = -s * square
+    out[1] = -2.0 * s * (turn[0, 0] * px + turn[1, 0] * py)
+    out[2] = -2.0 * s * (turn[0, 1] * px + turn[1, 1] * py)
+    out[3], out[4], out[5] = s, kx, ky
+    if light.axial:  # ρ² + (κ·(d − centre))²
+        height = kx * cx + ky * cy
+        out[0] -= s * height * height
+        out[1] += 2.0 * s * height * kx
+        out[2] += 2.0 * s * height * ky
+        out[3] = 0.0
+    rule, slant = 0, kx * kx + ky * ky
+    while square > sail.rules.reach[rule] ** 2 or slant > sail.rules.slant[rule] ** 2:
+        rule += 1
+    return rule
+
+
+@numba.njit(cache=True, error_model="numpy")
+def moments(sail: RigidSail, rule: int, s: int, c: Floats) -> tuple[float, float, float]:
+    """(∫e dA, ∫X e dA, ∫Y e dA) over sector s, e = exp(−2ρ²/w²), X and Y from the centre of mass; c of `exponent`."""
     total, first_x, first_y = 0.0, 0.0, 0.0
-    for p in range(sail.weights.shape[1]):
-        X, Y = sail.points[s, p, 0], sail.points[s, p, 1]
-        e = sail.weights[s, p] * intensity(
-            x + turn[0, 0] * X + turn[0, 1] * Y, y + turn[1, 0] * X + turn[1, 1] * Y, 1.0, light.radius
-        )
-        if light.axial:
-            e *= intensity(turn[2, 0] * X + turn[2, 1] * Y, 0.0, 1.0, light.radius)
+    points = sail.rules.points
+    for p in range(sail.rules.first[rule, s], sail.rules.first[rule, s + 1]):
+        X, Y = points[p, 0], points[p, 1]
+        tilt = c[4] * X + c[5] * Y
+        e = points[p, 3] * math.exp(points[p, 2] + c[0] + c[1] * X + c[2] * Y + c[3] * tilt * tilt)
         total += e
         first_x += e * X
         first_y += e * Y
-    return total, first_x, first_y
+    return total, first_x - total * sail.centre[0], first_y - total * sail.centre[1]
 
 
 @numba.njit(cache=True, error_model="numpy")
 def load(
-    sail: RigidSail, tables: tuple[TableArrays, ...], light: Light, turn: Floats, x: float, y: float, out: Floats
+    sail: RigidSail, tables: tuple[TableArrays, ...], light: Light, t: float, turn: Floats, x: float, y: float,
+    out: Floats,
 ) -> int:
     """Write force and torque about the centre of mass (6,), body components, at full intensity; worst flag of a sector.
 
-    F = Σ |w| ∫ e q dA, τ = Σ |w| ∫ e b × q dA over the sectors, q constant in each; b = (X, Y, 0).
+    F = Σ |w| ∫ e q dA, τ = Σ |w| ∫ e b × q dA over the sectors, q constant in each; b = (X, Y, 0) from the centre of
+    mass, which lies at (x, y) in the lab.
     """
     out[:] = 0.0
-    q = np.empty(3)
+    q, c = np.empty(3), np.empty(6)
     flag = INSIDE
+    rule = exponent(sail, light, turn, x, y, c)
     for s in range(sail.table.size):
         flag = max(flag, response(sail, tables, s, turn, light.yaw_blind, q))
-        total, first_x, first_y = moments(sail, light, s, turn, x, y)
+        total, first_x, first_y = moments(sail, rule, s, c)
         for i in range(3):
             out[i] += total * q[i]
         out[3] += first_y * q[2]
@@ -152,18 +198,17 @@ def load(
 def derivative(
     sail: RigidSail, tables: tuple[TableArrays, ...], light: Light, t: float, state: Floats, out: Floats
 ) -> int:
-    """Write d(state)/dt (14,) of position, velocity (lab), quaternion, angular velocity (body), work; flag of `load`.
+    """Write d(state)/dt (17,); flag of `load`.
 
-    Newton's and Euler's equations (Goldstein, §5.5), q̇ = ½ q ⊗ (0, ω), and the power
-    F·v + τ·ω of the light on the sail.
+    The state: position, velocity (lab), quaternion, angular velocity (body); work, angular impulse (lab) of the light.
+    Newton's and Euler's equations (Goldstein, §5.5), q̇ = ½ q ⊗ (0, ω), the power F·v + τ·ω and the torque Qτ.
     """
-    turn = np.empty((3, 3))
+    turn, body = np.empty((3, 3)), np.zeros(6)
     rotation(state[6:10], turn)
-    body = np.zeros(6)
     share = light.power * ramp(t, light.delay, light.rise, light.on)
     flag = INSIDE
     if share > 0.0:
-        flag = load(sail, tables, light, turn, state[0], state[1], body)
+        flag = load(sail, tables, light, t, turn, state[0], state[1], body)
         body *= share
     w, x, y, z = state[6], state[7], state[8], state[9]
     p, q, r = state[10], state[11], state[12]
@@ -176,6 +221,7 @@ def derivative(
     for i in range(3):
         out[i] = state[3 + i]
         out[3 + i] = turn[i, 0] * body[0] + turn[i, 1] * body[1] + turn[i, 2] * body[2]
+        out[14 + i] = turn[i, 0] * body[3] + turn[i, 1] * body[4] + turn[i, 2] * body[5]
         power += out[3 + i] * state[3 + i]
     out[13] = power
     return flag

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynamics import rigid
 from dynamics.attitude import rotation_from_angles
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.kernels.record import COLUMNS
+from dynamics.kernels.rigid import INSIDE
 from dynamics.membrane import Flight, fly
 from dynamics.rigid_body import rigid_body
 from dynamics.scene import Scene
@@ -148,7 +148,7 @@ def test_a_film_s_table_is_the_constant_film_from_both_sides_in_both_models(
     turn, place = rotation_from_angles(*pose), np.array([0.05, -0.03, 0.2])
     want = rigid_body(CONSTANT, {}).load(place, turn)[0]
     got, _, flag = rigid_body(TABLED, plain_film_table()).load(place, turn)
-    assert flag == rigid.INSIDE
+    assert flag == INSIDE
     assert np.abs(got - want).max() < 1e-6 * np.linalg.norm(want)
     want, got = (
         column(light_row(scene, tables, tmp_path / str(len(tables)), turn), "force")

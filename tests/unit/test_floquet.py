@@ -48,14 +48,14 @@ def test_small_motions_fly_as_the_monodromy_matrix_says(incidence: str):
     which = case(incidence=incidence, beam={"rise_s": 0.0}, rigid={"duration_s": 1 / 120, "tolerance": 1e-12})
     model, units = model_of(which), rigid_body(which, TABLES).units
     small = 1e-6 * np.array([1.0, -0.5, 2.0, 1.0, 0.7, -0.4, 3.0, 1.5])
-    flight = rigid.fly(which, TABLES, lifted(small, model.spin) * units.state)
+    flight = rigid.fly(which, TABLES, lifted(small, model.spin) * units.state[:13])
     assert np.allclose(lowered(flight, units), model.monodromy() @ small, atol=2e-4 * 1e-6)
 
 
 def lifted(small: np.ndarray, spin: float) -> np.ndarray:
-    """Full normalised state (14,) of a small motion (8,)."""
+    """Normalised state of motion (13,) of a small motion (8,)."""
     x, y, vx, vy, roll, pitch, p, q = small
-    return np.array([x, y, 0, vx, vy, 0, 1, roll / 2, pitch / 2, 0, p, q, spin, 0])
+    return np.array([x, y, 0, vx, vy, 0, 1, roll / 2, pitch / 2, 0, p, q, spin])
 
 
 def lowered(flight: rigid.RigidFlight, units: Any) -> np.ndarray:
