@@ -1,29 +1,33 @@
-"""The spinning sail's motion near the beam axis, to first order: derivatives of force and torque, and the equations.
+"""The spinning sail's motion near the beam axis, to first order: its equations, and how far they are from instability.
 
 State (8,): lateral position (2), lateral velocity (2), tilt δ = (roll, pitch) of the normal (2), lateral angular
-velocity in body axes (2). Normalised units of `dynamics.rigid_body`. Batches of models stand in front: (..., 8, 8).
+velocity in body axes (2). Normalised units of `dynamics.rigid_body`. Batches of models stand in front: (..., 8, 8);
+thrust, inertia and spin may be batches alike.
+
+The margin tells how far a model is from the edge of stability. The exponents s = iω of a lossless sail come in pairs
+±s, so that they leave the imaginary axis only where two of them meet (Krein collision; Arnold, Mathematical Methods of
+Classical Mechanics, §42 and App. 29; for reversible systems Sevryuk, Lecture Notes in Mathematics 1211): near there
+s² = s₀² ± √δ, with δ > 0 before and δ < 0 after. Hence the margin: half the smallest distance between two exponents
+while all are imaginary, and minus the growth rate once one is not; both go as √|δ|. Not every pair that meets leaves
+the axis, so that the margin of a stable sail is on the safe side. The multipliers of yaw-blind incidence collide on the
+unit circle alike.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 from scipy.linalg import expm
 
-from dynamics.attitude import rotation_from_angles
-from dynamics.rigid_body import RigidBody
-
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-TILT_STEP = np.radians(0.1)
-SHIFT_STEP = 2.5e-4  # of the beam radius: (step/w)² is then a part in 10⁷, rounding one in 10¹²
-ROWS = ("F_x", "F_y", "tau_x", "tau_y")
-COLUMNS = ("x", "y", "roll", "pitch")
 QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # a quarter turn about +z: e_z × ·
+RESOLUTION = 1e-4  # growth a turn that counts as none: e-fold in 10⁴ turns, beyond any flight here
 
 
 @dataclass(frozen=True)
@@ -38,13 +42,14 @@ class LinearModel:
     jacobian: Floats
     thrust: Floats
     inertia: Floats
-    spin: float
+    spin: float | Floats
     yaw_blind: bool
 
     @property
-    def period(self) -> float:
-        """Time of one turn; one unit of time for a sail that doesn't spin."""
-        return 2.0 * np.pi / abs(self.spin) if self.spin else 1.0
+    def period(self) -> Any:
+        """Time (...,) of one turn; one unit of time for a sail that doesn't spin."""
+        spin = np.abs(self.spin)
+        return np.where(spin > 0.0, 2.0 * np.pi / np.where(spin > 0.0, spin, 1.0), 1.0)[()]
 
     def corotating(self) -> Floats:
         """Constant generator (..., 8, 8) in axes that turn with the sail, for the true incidence.
@@ -52,13 +57,14 @@ class LinearModel:
         Every vector gets −Ω e_z × ·; the gyroscopic torque of a lamina is Ω e_z × ω because I_z = I_x + I_y.
         """
         force, torque = self.jacobian[..., :2, :], np.linalg.solve(self.inertia, self.jacobian[..., 2:, :])
+        spin = np.asarray(self.spin)[..., None, None]
         out = np.zeros((*self.jacobian.shape[:-2], 8, 8))
         for k in (0, 2, 4):
-            out[..., k : k + 2, k : k + 2] = -self.spin * QUARTER
+            out[..., k : k + 2, k : k + 2] = -spin * QUARTER
         out[..., 0:2, 2:4] = out[..., 4:6, 6:8] = np.eye(2)
         out[..., 2:4, 0:2], out[..., 2:4, 4:6] = force[..., :2], force[..., 2:]
         out[..., 6:8, 0:2], out[..., 6:8, 4:6] = torque[..., :2], torque[..., 2:]
-        out[..., 6:8, 6:8] = self.spin * QUARTER
+        out[..., 6:8, 6:8] = spin * QUARTER
         return out
 
     def lab(self, t: float) -> Floats:
@@ -101,27 +107,42 @@ class LinearModel:
         """exp(A T) (..., 8, 8) in co-rotating axes: the monodromy matrix, as the axes come back after a turn."""
         return np.asarray(expm(self.corotating() * self.period))
 
+    def exponents(self) -> list[Complexes]:
+        """Exponents of a turn (..., n), the logarithms of the multipliers, apart for motions that don't interact.
 
-def linearise(body: RigidBody) -> tuple[Floats, float]:
-    """(jacobian (4, 4), thrust) in normalised units by central differences: 0.1° in tilt, a small step in position."""
-    shift = SHIFT_STEP * body.light.radius
-    columns = []
-    for axis, step in enumerate((shift, shift, TILT_STEP, TILT_STEP)):
-        move = np.zeros(4)
-        move[axis] = step
-        columns.append((_load(body, move) - _load(body, -move)) / (2.0 * step))
-    jacobian = np.array(columns).T[[0, 1, 3, 4]]
-    return jacobian, float(_load(body, np.zeros(4))[2])
-
-
-def imbalance(body: RigidBody) -> float:
-    """Largest of |F_x|, |F_y|, |τ_x|, |τ_y|, |τ_z| over F_z at the centred, level sail: 0 in equilibrium."""
-    load = _load(body, np.zeros(4))
-    return float(np.abs(load[[0, 1, 3, 4, 5]]).max() / (abs(load[2]) or 1.0))
+        From the co-rotating generator, where logarithms are known whole; with yaw-blind incidence from the lab.
+        """
+        if self.yaw_blind:
+            return [np.log(np.linalg.eigvals(self.monodromy(1e-11)).astype(complex))]
+        generator = self.corotating() * np.asarray(self.period)[..., None, None]
+        alone = not (np.any(self.spin) or np.any(self.jacobian[..., CROSSED[0], CROSSED[1]]))
+        blocks = AXES if alone else [np.arange(8)]
+        return [np.linalg.eigvals(generator[..., block[:, None], block]).astype(complex) for block in blocks]
 
 
-def _load(body: RigidBody, move: Floats) -> Floats:
-    """(force in the lab, torque in the body) (6,) at (x, y, roll, pitch), normalised."""
-    position = np.array([move[0], move[1], 0.0]) * body.units.length
-    force, torque, _ = body.load(position, rotation_from_angles(move[2], move[3], 0.0))
-    return np.concatenate([force / body.units.force, torque / body.units.torque])
+def growth(exponents: list[Complexes]) -> Floats:
+    """Growth (...,) a turn of the fastest motion: logarithm of the largest modulus."""
+    return np.asarray(np.max([part.real.max(axis=-1) for part in exponents], axis=0))
+
+
+def margin(exponents: list[Complexes], yaw_blind: bool = False) -> Floats:
+    """Margins (...,) a turn; see the top of the module."""
+    return np.asarray(np.min([_margin(part, 2.0 * np.pi if yaw_blind else np.inf) for part in exponents], axis=0))
+
+
+# A sail with two mirror planes that doesn't spin: x with pitch and y with roll, which know nothing of each other.
+AXES = [np.array([0, 2, 5, 7]), np.array([1, 3, 4, 6])]
+CROSSED = (np.array([0, 0, 1, 1, 2, 2, 3, 3]), np.array([1, 2, 0, 3, 1, 2, 0, 3]))
+
+
+def _margin(exponents: Complexes, turn: float) -> Floats:
+    """Margins (...,) of sets of exponents (..., n) of a turn; imaginary parts that differ by `turn` are the same.
+
+    Growth up to `RESOLUTION` counts as none.
+    """
+    one, other = np.triu_indices(exponents.shape[-1], 1)
+    apart = exponents[..., one] - exponents[..., other]
+    if np.isfinite(turn):
+        apart = apart.real + 1j * (apart.imag - turn * np.round(apart.imag / turn))
+    growth = exponents.real.max(axis=-1)
+    return np.asarray(np.where(growth > RESOLUTION, -growth, np.abs(apart).min(axis=-1) / 2.0))

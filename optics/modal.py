@@ -16,6 +16,8 @@ from optics.files import InputError, Stopwatch, progress, run_stage, versions
 from optics.incidence import Floats, cutoffs
 from optics.lamellar import Response as Response
 from optics.lamellar import solve as solve
+from optics.local import normal_response
+from optics.normal import ATTRIBUTE
 from optics.sampling import Refined, refine, spread
 from optics.table import PressureTable
 
@@ -107,6 +109,7 @@ def make_table(cell: Metagrating, u_max: float, v_max: float, tolerance: float) 
         "settings": {"u_max": u_max, "v_max": v_max, "tolerance": tolerance, "orders": order},
         "cutoffs": cutoffs(cell.pitch, u_max, index=cell.surroundings.front),
         "energy_imbalance": float(np.abs(absorptance).max()) if lossless else float(max(0.0, -absorptance.min())),
+        ATTRIBUTE: normal_response(cell, order).as_dict(),
         "wall_seconds": watch.seconds, "versions": versions("numpy", "scipy"),
     }
     return PressureTable(grid.u, grid.v, np.moveaxis(q, -1, 0), absorptance, error, mirror_v=True, attrs=attrs)

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 from dynamics import floquet, rigid, scene
-from dynamics.linear import LinearModel, linearise
+from dynamics.attitude import rotation_from_angles
+from dynamics.derivatives import error_modes, linearise
+from dynamics.linear import LinearModel
 from dynamics.rigid_body import rigid_body
 from optics.files import InputError
+from optics.normal import ERROR_SCALE
 from optics.table import PressureTable
 from tests.synthetic import smooth_tables
 
@@ -72,6 +75,38 @@ def test_both_routes_agree_for_true_incidence():
     full = replace(stability.model, jacobian=np.random.default_rng(3).normal(size=(4, 4)) * 0.1)
     routes = [floquet.eigenvalues(m) for m in (full.monodromy(), full.turn_matrix())]
     assert floquet.distance(*routes) < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_both_routes_agree_for_any_derivatives_and_spin(seed: int):
+    """Stable or not, up to multipliers of a million: the same to 1e-9 of the largest."""
+    random = np.random.default_rng(seed)
+    model = LinearModel(random.normal(size=(4, 4)) * 10 ** random.uniform(-2.0, 0.7), np.array(0.1),
+                        np.diag([0.063, 0.062]), random.uniform(1.5, 15.0), False)
+    found = floquet.assess(model, [])
+    assert found.route_difference < 1e-9
+    if found.max_modulus > 1.001:
+        assert (found.verdict, found.margin < 0) == ("unstable", True)
+        assert -found.margin * model.period == pytest.approx(np.log(found.max_modulus))
+
+
+@pytest.mark.parametrize("incidence", ["sail_frame", "yaw_blind"])
+def test_derivatives_are_those_of_the_load(incidence: str):
+    """Against central differences of force and torque, whose own error goes with the square of the step."""
+    which = case(incidence=incidence)
+    body = rigid_body(which, TABLES)
+    want = np.empty((4, 4))
+    for axis in range(4):
+        loads = []
+        for sign in (1.0, -1.0):
+            x, y, roll, pitch = sign * 1e-4 * np.eye(4)[axis]
+            force, torque, _ = body.load(np.array([x, y, 0.0]), rotation_from_angles(roll, pitch, 0.0))
+            loads.append(np.array([*force[:2] / body.units.force, *torque[:2] / body.units.torque]))
+        want[:, axis] = (loads[0] - loads[1]) / 2e-4
+    found, thrust = linearise(which, TABLES, body)
+    assert np.allclose(found, want, rtol=0, atol=2e-8)
+    force = body.load(np.zeros(3), np.eye(3))[0]
+    assert thrust == pytest.approx(force[2] / body.units.force, rel=1e-12)
 
 
 def test_tilt_of_a_lamina_feels_its_spin_as_a_spring():
@@ -134,12 +169,12 @@ def test_tables_with_large_errors_leave_the_verdict_open():
 def test_error_modes_are_what_a_wrong_table_changes():
     """Add an error to a table: the derivatives move by its mode."""
     te = TABLES["mark1e_te"]
-    slope = 1e-6 / floquet.ERROR_SCALE
+    slope = 1e-6 / ERROR_SCALE
     q = te.q_nodes + np.array([0.0, 0.0, 1.0])[:, None, None] * slope * te.u[None, :, None]
-    shift = linearise(rigid_body(FIG6, {**TABLES, "mark1e_te": replace(te, q_nodes=q)}))[0]
-    shift = shift - linearise(rigid_body(FIG6, TABLES))[0]
-    modes = floquet.error_modes(FIG6, {name: TABLES[name] for name in ("mark1e_te", "mark1e_tm")})
-    assert np.allclose(shift, modes[4][0], atol=1e-11)
+    wrong = {**TABLES, "mark1e_te": replace(te, q_nodes=q)}
+    shift = linearise(FIG6, wrong, rigid_body(FIG6, wrong))[0] - linearise(FIG6, TABLES, rigid_body(FIG6, TABLES))[0]
+    modes = [mode for mode, _ in error_modes(FIG6, TABLES, rigid_body(FIG6, TABLES))]
+    assert min(np.abs(shift - mode).max() for mode in modes) < 1e-11
     assert np.abs(shift).max() > 1e-7
 
 

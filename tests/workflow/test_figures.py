@@ -145,7 +145,7 @@ def _benchmark(path):
 def test_the_summary_has_rows_of_every_kind(results, tmp_path):
     tables = sorted(results.glob("tables/*/*.h5"))
     analyses = sorted(results.glob("scenes/*/floquet.json"))
-    flights = [path for pattern in ("rigid.h5", "flight.vtkhdf") for path in sorted(results.glob(f"scenes/*/{pattern}"))]
+    flights = [path for file in ("rigid.h5", "flight.vtkhdf") for path in sorted(results.glob(f"scenes/*/{file}"))]
     stages = [_benchmark(tmp_path / "tables/te" / name) for name in ("fdtd.tsv", "fdtd/part1.tsv", "fdtd/part2.tsv")]
     out = tmp_path / "summary.csv"
     given = ("--tables", *tables, "--floquet", *analyses, "--flights", *flights, "--benchmarks", *stages)

@@ -1,0 +1,115 @@
+"""The response of many grating cells around normal incidence by the Fourier modal method: what screening asks for.
+
+    python -m optics.local --cells cells.jsonl --block 1/8 --out block1.parquet
+
+Each line of the cells is a metagrating as JSON. A block takes every n-th of them, so that blocks take equally long. One
+row a cell: its number, q and ∂q/∂u of the components g and n, their errors, absorptance and the mean thickness.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from threadpoolctl import threadpool_limits
+
+from optics.cells import Metagrating
+from optics.files import InputError, atomic, check_out, progress, run_stage, validate
+from optics.incidence import Floats
+from optics.lamellar import solve
+from optics.normal import NormalResponse
+
+STEP = 2e-4  # of u: truncation is some 1e-5 of a slope even on a resonance 1° wide, rounding 1e-9
+COARSER = (0.5, 0.7)  # shares of the orders; errors fall with wiggles, so that one of them may be right by chance
+ORDER = 12
+COLUMNS = (
+    "q_g", "q_n", "q_g_u", "q_n_u", "absorptance", "q_error", "gradient_error", "absorptance_error", "mean_thickness_m",
+    "wavelength_m",
+)
+SCHEMA = pa.schema([("cell", pa.int64()), *((name, pa.float64()) for name in COLUMNS), ("order", pa.int64())])
+
+
+def slopes(cell: Metagrating, order: int) -> tuple[Floats, Floats]:
+    """Value q (3,) and its gradient (3, 2) at normal incidence with diffraction orders −order … order.
+
+    Along v the response is even but for q_r = v a: momentum along the ridges is lost to absorption alone.
+    """
+    found = solve(cell, np.array([-STEP, 0.0, STEP]), np.zeros(1), order)
+    q = found.q[:, 0]
+    along_u = (q[2] - q[0]) / (2.0 * STEP)
+    return q[1], np.stack([along_u, [0.0, found.absorptance[1, 0], 0.0]], axis=1)
+
+
+def normal_response(cell: Metagrating, order: int) -> NormalResponse:
+    """Response of a cell; errors: the largest change of a value, or a slope, from half and 0.7 of the orders."""
+    q, gradient = slopes(cell, order)
+    rough = [slopes(cell, int(np.ceil(share * order))) for share in COARSER]
+    q_error = np.max([np.abs(q - other) for other, _ in rough]) * np.array([1.0, 0.0, 1.0])
+    gradient_error = np.max([np.abs(gradient - other) for _, other in rough], axis=0)
+    gradient_error[[0, 2], 0] = gradient_error[:, 0].max()
+    return NormalResponse(q, gradient, q_error, gradient_error)
+
+
+def read_cells(path: str | Path, block: int = 1, blocks: int = 1) -> list[tuple[int, Metagrating]]:
+    """Cells of a block, with their numbers; InputError names the line that holds none."""
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error})") from None
+    out = []
+    for number in range(block - 1, len(lines), blocks):
+        try:
+            data = json.loads(lines[number])
+        except ValueError as error:
+            raise InputError(f"{path}, line {number + 1}: not JSON ({error})") from None
+        out.append((number, validate(data, Metagrating, f"{path}, line {number + 1}")))
+    return out
+
+
+def row(number: int, cell: Metagrating, order: int) -> dict[str, Any]:
+    """One row of the file."""
+    found = normal_response(cell, order)
+    return {
+        "cell": number, "q_g": found.q[0], "q_n": found.q[2], "q_g_u": found.gradient[0, 0],
+        "q_n_u": found.gradient[2, 0], "absorptance": found.gradient[1, 1], "q_error": found.q_error[0],
+        "gradient_error": found.gradient_error[0, 0], "absorptance_error": found.gradient_error[1, 1],
+        "mean_thickness_m": cell.mean_thickness_nm * 1e-9, "wavelength_m": cell.wavelength_nm * 1e-9, "order": order,
+    }
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m optics.local", description=main.__doc__)
+    parser.add_argument("--cells", required=True, help="metagratings, one JSON a line")
+    parser.add_argument("--block", default="1/1", help="K/N: take every N-th cell, from the K-th on")
+    parser.add_argument("--order", type=int, default=ORDER, help=f"highest diffraction order (default {ORDER})")
+    parser.add_argument("--out", required=True, help="Parquet file to write")
+    return parser.parse_args()
+
+
+def _block(text: str) -> tuple[int, int]:
+    block, _, blocks = text.partition("/")
+    if not (block.isdecimal() and blocks.isdecimal() and 1 <= int(block) <= int(blocks)):
+        raise InputError(f"--block = {text!r}: must be K/N with 1 ≤ K ≤ N, as in 1/8")
+    return int(block), int(blocks)
+
+
+def main() -> None:
+    """Response of grating cells around normal incidence."""
+    given = _arguments()
+    check_out(given.out)
+    if given.order < 1:
+        raise InputError(f"--order = {given.order}: must be at least 1")
+    cells = read_cells(given.cells, *_block(given.block))
+    with threadpool_limits(1):
+        rows = [row(number, cell, given.order) for number, cell in progress(cells, "cells", unit="cell")]
+    with atomic(given.out) as temporary:
+        pq.write_table(pa.Table.from_pylist(rows, SCHEMA), temporary)
+
+
+if __name__ == "__main__":
+    run_stage(main)
