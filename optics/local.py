@@ -19,14 +19,14 @@ import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
 from optics.cells import Metagrating
+from optics.derivatives import derivatives
 from optics.files import InputError, atomic, check_out, progress, run_stage, validate
 from optics.incidence import Floats
-from optics.lamellar import solve
 from optics.normal import NormalResponse
 
-STEP = 2e-4  # of u: truncation is some 1e-5 of a slope even on a resonance 1° wide, rounding 1e-9
+CUTOFF = 1e-9  # of a period of a whole number of wavelengths
 COARSER = (0.5, 0.7)  # shares of the orders; errors fall with wiggles, so that one of them may be right by chance
-ORDER = 12
+ORDER = 15
 COLUMNS = (
     "q_g", "q_n", "q_g_u", "q_n_u", "absorptance", "q_error", "gradient_error", "absorptance_error", "mean_thickness_m",
     "wavelength_m",
@@ -37,12 +37,14 @@ SCHEMA = pa.schema([("cell", pa.int64()), *((name, pa.float64()) for name in COL
 def slopes(cell: Metagrating, order: int) -> tuple[Floats, Floats]:
     """Value q (3,) and its gradient (3, 2) at normal incidence with diffraction orders −order … order.
 
-    Along v the response is even but for q_r = v a: momentum along the ridges is lost to absorption alone.
+    Along v the response is even but for q_r = v a: momentum along the ridges is lost to absorption alone. At a Rayleigh
+    cut-off, a period of a whole number of wavelengths, q has no gradient: NaN.
     """
-    found = solve(cell, np.array([-STEP, 0.0, STEP]), np.zeros(1), order)
-    q = found.q[:, 0]
-    along_u = (q[2] - q[0]) / (2.0 * STEP)
-    return q[1], np.stack([along_u, [0.0, found.absorptance[1, 0], 0.0]], axis=1)
+    found = derivatives(cell, 0.0, 0.0, order, ("u",))
+    nearest = max(1.0, round(1.0 / cell.pitch))
+    if abs(nearest * cell.pitch - 1.0) < CUTOFF:
+        return found.q, np.full((3, 2), np.nan)
+    return found.q, np.stack([found.q_dot[0], [0.0, found.absorptance, 0.0]], axis=1)
 
 
 def normal_response(cell: Metagrating, order: int) -> NormalResponse:

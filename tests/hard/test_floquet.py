@@ -1,4 +1,4 @@
-"""Hard cases of linear stability: ill-conditioned eigenvalues, no light, a response that is not smooth, extreme spin."""
+"""Hard cases of linear stability: ill-conditioned eigenvalues, no light, a response with a kink, extreme spin."""
 
 from dataclasses import replace
 from pathlib import Path
