@@ -18,7 +18,7 @@ from dynamics.scene import Flight, Sail
 
 def per_triangle(sail: Sail, mesh: Mesh, quantity: str) -> Floats:
     """A material property (t,) of each triangle by its name in `Material`."""
-    return np.array([float(getattr(sector.properties, quantity)) for sector in sail.sectors])[mesh.sector]
+    return np.array([float(getattr(region.properties, quantity)) for region in sail.regions])[mesh.sector]
 
 
 def lump(mesh: Mesh, per_area: Floats) -> Floats:

@@ -28,6 +28,8 @@ from dynamics.kernels import failure, record, sheet
 from dynamics.kernels.elastic import REFERENCE_TEMPERATURE
 from dynamics.kernels.step import State, Work, run
 from dynamics.lattice import Floats
+from dynamics.mesh import sail_mesh
+from dynamics.mesh_checks import check_shadow
 from dynamics.model import Membrane, build, initial_state, work_space
 from dynamics.sail import check_release, load_tables, provenance
 from dynamics.scene import Scene, plan, read_scene
@@ -235,6 +237,14 @@ def release(membrane: Membrane, state: State) -> None:
     state.v[...] = tilt @ state.v
 
 
+def check_tilt(scene: Scene) -> None:
+    """InputError where the released sail would shade itself, as deep ones do when they are tilted."""
+    given = scene.release
+    if scene.sail.profile != "flat" and scene.beam.intensity_W_m2 > 0:
+        tilt = rotation_from_angles(np.radians(given.roll_deg), np.radians(given.pitch_deg), 0.0)
+        check_shadow(sail_mesh(scene.sail), tilt, f"{scene.name}.yaml: release.pitch_deg, roll_deg")
+
+
 def attributes(flight: Flight, end: End, tables: dict[str, PressureTable]) -> dict[str, Any]:
     """What /series says about the whole flight."""
     model, scene = flight.model, flight.membrane.scene
@@ -265,6 +275,7 @@ def main() -> None:
     check_release(scene, tables)
     if given.plan:
         write_json(given.plan, {name: effect.model_dump() for name, effect in plan(scene).items()})
+    check_tilt(scene)
     flight = Flight(scene, tables, out.with_name(out.name + ".partial"))
     if flight.resume():
         print(f"{scene.name}: going on from step {flight.step}", file=sys.stderr)

@@ -23,6 +23,8 @@ from dynamics.lattice import (
     stiffness_matrix,
 )
 from dynamics.mesh import Integers, Mesh, sail_mesh
+from dynamics.mesh_checks import check_mesh
+from dynamics.regions import directions
 from dynamics.scene import Effect, Scene, plan
 from optics.files import InputError
 from optics.table import PressureTable, TableArrays
@@ -143,24 +145,24 @@ def _tables(arrays: list[TableArrays], nearest: bool) -> optical.Tables:
 
 
 def _ranges(scene: Scene, mesh: Mesh) -> Integers:
-    """Table (−1: constant reflectance), first and end triangle of each sector (s, 3)."""
-    designs = scene.sail.designs
-    ends = np.searchsorted(mesh.sector, np.arange(len(scene.sail.sectors) + 1))
-    which = [designs.index(s.design) if s.design else -1 for s in scene.sail.sectors]
+    """Table (−1: constant reflectance), first and end triangle of each region (s, 3)."""
+    designs, regions = scene.sail.designs, scene.sail.regions
+    ends = np.searchsorted(mesh.sector, np.arange(len(regions) + 1))
+    which = [designs.index(r.design) if r.design else -1 for r in regions]
     return np.stack([which, ends[:-1], ends[1:]], axis=1)
 
 
 def _light(scene: Scene, mesh: Mesh, tables: dict[str, PressureTable], effects: Plan) -> optical.Light:
     on = effects["light"].on
-    sectors, nearest = scene.sail.sectors, scene.lookup == "nearest"
+    regions, nearest = scene.sail.regions, scene.lookup == "nearest"
     absorptance = per_triangle(scene.sail, mesh, "absorptance")
     if scene.absorptance == "table":
-        absorptance = np.where(np.array([s.design is not None for s in sectors])[mesh.sector], -1.0, absorptance)
-    g = np.array([s.g for s in sectors])[mesh.sector]
+        absorptance = np.where(np.array([r.design is not None for r in regions])[mesh.sector], -1.0, absorptance)
+    g = directions(mesh.nodes[mesh.triangles].mean(axis=1), mesh.sector, scene.sail)[:, :2]
     return optical.Light(
         corners=unsigned(mesh.triangles.T), cos_across=_if(on, mesh.cos_across), sin_across=_if(on, mesh.sin_across),
         rest_g=np.ascontiguousarray(g.T), absorptance=_if(on, absorptance),
-        reflectance=_if(on, np.array([s.reflectance or 0.0 for s in sectors])[mesh.sector]),
+        reflectance=_if(on, np.array([r.reflectance or 0.0 for r in regions])[mesh.sector]),
         tables=_tables([tables[design].arrays(nearest) for design in scene.sail.designs] if on else [], nearest),
         ranges=_ranges(scene, mesh), intensity=scene.beam.intensity_W_m2, radius=scene.beam.radius_m,
         delay=scene.beam.delay_s, rise=scene.beam.rise_s, on=scene.beam.on_s,
@@ -169,11 +171,11 @@ def _light(scene: Scene, mesh: Mesh, tables: dict[str, PressureTable], effects: 
 
 
 def spin_up_time(scene: Scene) -> float:
-    """Length of the spin-up in s; if not given that of Gao et al.'s flat sails, |f|/(1801.8 max(|f|/100 Hz, 10))."""
+    """Length of the spin-up in s; if not given Gao et al.'s |f|/(1801.8 max(|f|/100 Hz, Γ)), Γ = 10, curved sails 2."""
     if scene.flight.spin_up_s is not None:
         return scene.flight.spin_up_s
     f = abs(scene.release.spin_Hz)
-    return f / (1801.8 * max(f / 100.0, 10.0))
+    return f / (1801.8 * max(f / 100.0, 10.0 if scene.sail.profile == "flat" else 2.0))
 
 
 def _spin_up(scene: Scene, effects: Plan, dt: float) -> spin.SpinUp:
@@ -201,10 +203,22 @@ def time_step(scene: Scene, mesh: Mesh, lat: Lattice) -> float:
     return flight.time_step_s
 
 
+def _check_energy(scene: Scene) -> None:
+    """InputError where a region of constant response would give back more light than it gets."""
+    for i, region in enumerate(scene.sail.regions):
+        if region.reflectance is not None and region.reflectance + region.properties.absorptance > 1.0:
+            raise InputError(
+                f"{scene.name}.yaml: sail: region {i}: reflectance = {region.reflectance:g}: with the material's "
+                f"absorptance {region.properties.absorptance:g} it must not exceed 1"
+            )
+
+
 def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
     """Mesh, lattice and kernel arrays of a scene, with only the effects its plan calls for."""
     effects = plan(scene)
     mesh = sail_mesh(scene.sail)
+    check_mesh(mesh, f"{scene.name}.yaml: sail")
+    _check_energy(scene)
     lat = lattice(scene.sail, mesh, scene.flight)
     dt = time_step(scene, mesh, lat)
     spin_up = _spin_up(scene, effects, dt)

@@ -106,7 +106,12 @@ class SailShape:
 
 
 def sail_shape(sail: scenes.Sail) -> SailShape:
-    """The sectors of a scene's sail; a sector ends where the next one starts, the last one where the first does."""
+    """The sectors of a scene's sail; a sector ends where the next one starts, the last one where the first does.
+
+    InputError where the sail is more than a flat disc of sectors.
+    """
+    if sail.beyond_rigid is not None:
+        raise InputError(f"sail.{sail.beyond_rigid}: the rigid model flies flat round sails of plain sectors only")
     starts = [np.radians(sector.from_deg) for sector in sail.sectors]
     stops = [*starts[1:], starts[0] + 2.0 * np.pi]
     shapes = []
@@ -161,7 +166,7 @@ def check_release(scene: scenes.Scene, tables: dict[str, PressureTable]) -> None
     release = scene.release
     turn = rotation_from_angles(np.radians(release.roll_deg), np.radians(release.pitch_deg), 0.0)
     for sector in scene.sail.sectors:
-        if sector.design is None:
+        if sector.design is None or isinstance(sector.g, str) or scene.sail.profile != "flat":
             continue
         along = np.array([-sector.g[1], sector.g[0]])
         u, v = float(turn[2, :2] @ sector.g), float(turn[2, :2] @ along)

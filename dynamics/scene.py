@@ -21,56 +21,134 @@ Fraction = Annotated[float, Field(ge=0, le=1)]
 Angle = Annotated[float, Field(ge=0, lt=360)]
 
 
-class Sector(Strict):
-    """A sector of the sail, from its starting polar angle to the start of the next one.
+class Region(Strict):
+    """A part of the sail of one material, thickness and optical response.
 
-    The optical response is either a pressure table of `design`, or constant `reflectance` and `absorptance`. `g` is the
-    body-frame direction across the ridges (for a film it only labels the axes).
+    The optical response is either a pressure table of `design`, or constant `reflectance` and the material's
+    absorptance. thickness_m: instead of the material's. `g` is the direction across the ridges (for a film it only
+    labels the axes): fixed in the body's x and y, or 'radial' (outward), 'tangential' (counter-clockwise seen from +z)
+    or the negatives of these, in each triangle projected into its plane.
     """
 
-    from_deg: Angle
     material: str | Material
+    thickness_m: Positive | None = None
     design: Name | None = None
     reflectance: Fraction | None = None
-    g: Pair = [1.0, 0.0]
+    g: Pair | Literal["radial", "-radial", "tangential", "-tangential"] = [1.0, 0.0]
 
     @model_validator(mode="after")
-    def _consistent(self) -> Sector:
+    def _consistent(self) -> Region:
         if isinstance(self.material, str) and self.material not in MATERIALS:
             raise ValueError(f"material = '{self.material}': must be one of {', '.join(MATERIALS)}, or given in full")
         if (self.design is None) == (self.reflectance is None):
             raise ValueError("give either design (a pressure table) or reflectance (constant), not both")
-        if not math.isclose(math.hypot(*self.g), 1.0, rel_tol=1e-9):
+        if not isinstance(self.g, str) and not math.isclose(math.hypot(*self.g), 1.0, rel_tol=1e-9):
             raise ValueError(f"g = {self.g}: must be a unit vector")
         return self
 
     @property
     def properties(self) -> Material:
-        """The sector's material."""
-        return MATERIALS[self.material] if isinstance(self.material, str) else self.material
+        """The region's material, at the region's thickness."""
+        material = MATERIALS[self.material] if isinstance(self.material, str) else self.material
+        return material if self.thickness_m is None else material.model_copy(update={"thickness_m": self.thickness_m})
+
+
+class Sector(Region):
+    """A region from its starting polar angle to the start of the next sector."""
+
+    from_deg: Angle
+
+
+def _ascending(sectors: list[Sector]) -> None:
+    starts = [sector.from_deg for sector in sectors]
+    if any(b <= a for a, b in itertools.pairwise(starts)):
+        raise ValueError(f"sectors: from_deg must ascend, not {starts}")
+
+
+class Rim(Strict):
+    """Sectors of their own from a distance from the axis on, instead of those within."""
+
+    from_m: Positive
+    sectors: Annotated[list[Sector], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Rim:
+        _ascending(self.sectors)
+        return self
+
+
+class Grid(Strict):
+    """Regions in cells between ascending cuts in x and y, laid over the sectors: a row for each interval of y.
+
+    A row has one entry more than there are cuts in x; null leaves a cell to the sectors.
+    """
+
+    x_m: list[float] = []
+    y_m: list[float] = []
+    regions: list[list[Region | None]]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Grid:
+        for name, cuts in (("x_m", self.x_m), ("y_m", self.y_m)):
+            if any(b <= a for a, b in itertools.pairwise(cuts)):
+                raise ValueError(f"{name}: cuts must ascend, not {cuts}")
+        rows, columns = len(self.y_m) + 1, len(self.x_m) + 1
+        if [len(row) for row in self.regions] != [columns] * rows:
+            raise ValueError(f"regions: must be {rows} rows (intervals of y) of {columns} entries (intervals of x)")
+        return self
 
 
 class Sail(Strict):
-    """A round flat sail of the given radius, meshed with `rings` rings that start at polar angle `rotation_deg`."""
+    """The shape of a sail, its mesh of `rings` rings turned by `rotation_deg` about z, and its regions.
 
-    outline: Literal["round"] = "round"
-    profile: Literal["flat"] = "flat"
+    radius_m: of the disc, centre to corner of the hexagon, half the width of the square; of curved sails that along
+    the slope, more or less, unless `rescale` stretches the shape until its rim has that radius. depth: setting α, for
+    curved profiles only, apex downstream; negative turns the sail round. surface: on polygons the nodes lie on the
+    surface of revolution ('smooth') or rings are plane ('faceted').
+    """
+
+    outline: Literal["round", "hexagonal", "square"] = "round"
+    profile: Literal["flat", "paraboloid", "cone", "sphere"] = "flat"
+    surface: Literal["smooth", "faceted"] = "smooth"
+    depth: Annotated[float, Field(ge=-100, le=100)] | None = None
+    rescale: bool = False
     radius_m: Positive
     rings: Annotated[int, Field(ge=1, le=1000)]
     rotation_deg: float = 0.0
     sectors: Annotated[list[Sector], Field(min_length=1)]
+    rim: Rim | None = None
+    grid: Grid | None = None
 
     @model_validator(mode="after")
-    def _ascending(self) -> Sail:
-        starts = [sector.from_deg for sector in self.sectors]
-        if any(b <= a for a, b in itertools.pairwise(starts)):
-            raise ValueError(f"sectors: from_deg must ascend, not {starts}")
+    def _consistent(self) -> Sail:
+        _ascending(self.sectors)
+        if (self.depth is None) != (self.profile == "flat"):
+            raise ValueError("depth: must be given for curved profiles, and for them only")
+        if self.profile == "sphere" and not 0 < abs(self.depth or 0.0) <= 0.8:
+            raise ValueError(f"depth = {self.depth}: must be from -0.8 to 0.8 and not 0 for a sphere")
         return self
+
+    @property
+    def regions(self) -> list[Region]:
+        """All regions: the sectors, those of the rim, those of the grid row by row."""
+        rim = self.rim.sectors if self.rim is not None else []
+        rows = self.grid.regions if self.grid is not None else []
+        return [*self.sectors, *rim, *(region for row in rows for region in row if region is not None)]
+
+    @property
+    def beyond_rigid(self) -> str | None:
+        """What keeps the sail from the rigid model, which flies flat round sails of sectors; None if nothing does."""
+        for name, plain in (("outline", "round"), ("profile", "flat"), ("rim", None), ("grid", None)):
+            value = getattr(self, name)
+            if value != plain:
+                return f"{name} = '{value}'" if isinstance(value, str) else name
+        special = [f"sectors.{i}.g = '{s.g}'" for i, s in enumerate(self.sectors) if isinstance(s.g, str)]
+        return special[0] if special else None
 
     @property
     def designs(self) -> list[str]:
         """Names of the designs whose pressure tables the sail needs, in order of first use."""
-        return list(dict.fromkeys(s.design for s in self.sectors if s.design))
+        return list(dict.fromkeys(s.design for s in self.regions if s.design))
 
 
 class Beam(Strict):
@@ -110,7 +188,8 @@ class Flight(Strict):
     """Flexible flight. Time starts at −spin_up; light and release are at t = 0.
 
     time_step_s: null for 0.8 of the stability bound of the mesh. optics_every, heat_every: steps between updates of the
-    optical coefficients and of the temperatures. spin_up_s: null for the published |f|/(1801.8 max(|f|/100 Hz, 10)).
+    optical coefficients and of the temperatures. spin_up_s: null for the published |f|/(1801.8 max(|f|/100 Hz, Γ)), Γ =
+    10 for flat sails, 2 for curved ones.
     stiffness: 'triangles' of constant strain, or springs along the edges: 'van_gelder' with Poisson's ratio, 'lattice'.
     Triangles tear where the larger principal stress reaches the strength, springs where their strain reaches strength
     over Young's modulus. rim_factor: for springs only.
@@ -196,7 +275,7 @@ def read_scene(path: str | Path) -> Scene:
 
 
 def _derived(scene: Scene) -> dict[str, Effect]:
-    materials = [sector.properties for sector in scene.sail.sectors]
+    materials = [region.properties for region in scene.sail.regions]
     lit = scene.beam.intensity_W_m2 > 0
     heated = lit and (scene.absorptance == "table" or any(m.absorptance > 0 for m in materials))
     emits = any(m.emissivity_front + m.emissivity_back > 0 for m in materials)

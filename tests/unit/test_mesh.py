@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics import lattice, mesh, model
+from dynamics import lattice, mesh, model, regions
 from dynamics.scene import Scene, read_scene
 from optics.files import InputError
 
@@ -74,7 +74,8 @@ def test_no_triangle_straddles_a_sector_boundary():
 
 def test_a_point_on_a_boundary_belongs_to_the_sector_that_starts_there():
     points = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, -1e-3, 0.0]])
-    assert mesh.polar_sector(points, [0.0, 90.0]).tolist() == [0, 1, 1]
+    two = [SAIL.sectors[0].model_copy(update={"from_deg": start}) for start in (0.0, 90.0)]
+    assert regions.polar_sector(points, two).tolist() == [0, 1, 1]
 
 
 def test_the_direction_across_the_ridges_turns_with_the_sail():
