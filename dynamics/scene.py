@@ -53,6 +53,12 @@ class Region(Strict):
         return material if self.thickness_m is None else material.model_copy(update={"thickness_m": self.thickness_m})
 
 
+    @property
+    def fixed(self) -> Pair | None:
+        """The direction across the ridges in the body's x and y, None where it differs from place to place."""
+        return None if isinstance(self.g, str) else self.g
+
+
 class Sector(Region):
     """A region from its starting polar angle to the start of the next sector."""
 

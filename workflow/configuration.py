@@ -191,9 +191,11 @@ def _refuse_tilts(plan: Plan) -> None:
         gratings = [] if scene.outside_table == "clamp" else set(scene.sail.designs) & set(plan.gratings)
         release = scene.release
         tilt = rotation_from_angles(np.radians(release.roll_deg), np.radians(release.pitch_deg), 0.0)
-        flat = [s for s in scene.sail.sectors if scene.sail.profile == "flat" and not isinstance(s.g, str)]
-        for sector in flat:
-            u, v = (float(tilt[2, :2] @ axis) for axis in (sector.g, (-sector.g[1], sector.g[0])))
+        for sector in scene.sail.sectors if scene.sail.profile == "flat" else ():
+            if sector.fixed is None:
+                continue
+            across = np.array(sector.fixed)
+            u, v = float(tilt[2, :2] @ across), float(tilt[2, :2] @ [-across[1], across[0]])
             if sector.design in gratings and (abs(u) > grid.u_max or abs(v) > grid.v_max):
                 raise InputError(
                     f"{SOURCE}: {key}: u_max = {grid.u_max:g}, v_max = {grid.v_max:g}: too small for the release "
