@@ -25,10 +25,14 @@ class Index(Strict):
 
 
 class Surroundings(Strict):
-    """Real refractive indices of the lossless half-spaces in front of (light side) and behind the cell."""
+    """Refractive indices of the half-spaces in front of (light side) and behind the cell.
+
+    The one behind may absorb (back_k > 0); light that enters it then counts as absorbed.
+    """
 
     front: Positive = 1.0
     back: Positive = 1.0
+    back_k: NonNegative = 0.0
 
 
 class Metagrating(Strict):
@@ -108,6 +112,12 @@ class ThinFilm(Strict):
     layers: Annotated[list[Layer], Field(min_length=1)]
     surroundings: Surroundings = Surroundings()
 
+    @model_validator(mode="after")
+    def _lossless_behind(self) -> ThinFilm:
+        if self.surroundings.back_k > 0:
+            raise ValueError(f"surroundings.back_k = {self.surroundings.back_k:g}: must be 0; give a thick layer")
+        return self
+
 
 class Ridge(Strict):
     """A ridge within a lamellar layer: where it starts along +g, its width, and what it is made of."""
@@ -156,9 +166,11 @@ class LamellarStack(Strict):
 
 
 def as_stack(cell: Metagrating | LamellarStack) -> LamellarStack:
-    """The cell as a stack of lamellar layers."""
+    """The cell as a stack of lamellar layers. InputError for rounded corners: see `optics.outline.staircase`."""
     if isinstance(cell, LamellarStack):
         return cell
+    if cell.corner_radius_nm > 0:
+        raise InputError(f"{cell.name}: corner_radius_nm = {cell.corner_radius_nm:g}: must be 0 for a lamellar layer")
     ridges = [Ridge(start_nm=start, width_nm=width, index=cell.index) for start, width in cell.ridges_nm]
     front = Index(n=cell.surroundings.front)
     return LamellarStack(

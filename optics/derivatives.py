@@ -56,7 +56,7 @@ def derivatives(
     u_dual, v_dual = seeds.scalar(u, "u"), seeds.scalar(v, "v")
     pitch = seeds.scalar(stack.pitch, "period_nm", -stack.pitch / stack.period_nm)
     u_m = u_dual + pitch * np.arange(-order, order + 1.0)
-    back = complex(stack.surroundings.back) ** 2
+    back = _back(stack)
     rho = _reflection(u_m, v_dual, back)
     f_plus = []
     layers = lamellae(stack)
@@ -124,6 +124,11 @@ class _Seeds:
         return out
 
 
+def _back(stack: LamellarStack) -> complex:
+    """Permittivity of the half-space behind."""
+    return complex(stack.surroundings.back, stack.surroundings.back_k) ** 2
+
+
 def _column(x: Dual) -> Dual:
     return Dual(x.value[:, None], x.dot[:, :, None])
 
@@ -176,7 +181,7 @@ def _pressure(
     tops: list[Dual], bounces: list[Dual],
 ) -> tuple[Dual, Dual]:
     """Force and absorptance: q (3,) from ρ of all layers, and the way of f₊ through them."""
-    front, back = complex(stack.surroundings.front) ** 2, complex(stack.surroundings.back) ** 2
+    front, back = complex(stack.surroundings.front) ** 2, _back(stack)
     w = dual.sqrt(front.real - u * u - v * v)
     e_in, h_in = _incident(stack, u, v, w, order)
     outside = _reflection(u_m, v, front)
@@ -193,7 +198,7 @@ def _pressure(
     incident = _flux(e_in, h_in)[order]
     w_front, w_back = (_k_z(u_m, v, value) for value in (front, back))
     reflected = (reflected / incident).where(w_front.value.real > 1e-7)
-    transmitted = (transmitted / incident).where(w_back.value.real > 1e-7)
+    transmitted = (transmitted / incident).where((w_back.value.real > 1e-7) & (back.imag == 0))
     lost = reflected + transmitted
     absorptance = 1.0 - lost.sum()
     q_g = u - (lost * u_m).sum()

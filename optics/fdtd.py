@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from optics.cells import Surroundings
 from optics.command import add_table_arguments, check_range, checked
 from optics.fdtd_grid import FdtdSettings, pixels
 from optics.fdtd_parts import Rows, block, merge, read_rows, write_rows
@@ -64,7 +65,7 @@ class DirectionResult:
 
 def check_cell(cell: Grating, u: float, v: float) -> None:
     """Refuse what this solver can't do."""
-    if cell.surroundings.front != 1.0 or cell.surroundings.back != 1.0:
+    if cell.surroundings != Surroundings():
         raise InputError(f"{cell.name}: surroundings = {cell.surroundings}: FDTD takes vacuum (1.0) on both sides")
     for _, epsilon in polygons(cell):
         if epsilon.real < 1:

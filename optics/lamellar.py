@@ -20,7 +20,9 @@ Hermitian forms in the incident Jones vector, given by their values for the four
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +31,12 @@ from scipy.linalg import toeplitz
 from optics.cells import LamellarStack, Metagrating, as_stack
 from optics.incidence import Complexes, Floats, electric_vector, order_cosines, polarisation_basis, stokes, wave_vector
 from optics.momentum import pressure
-from optics.scattering import LayerModes, scatter
+from optics.scattering import NEGLIGIBLE, LayerModes, scatter
 
 # A mode exactly at its cut-off (k_z = 0) is moved off it by this much: q moves by as little, and no matrix is singular.
 _CUTOFF = 1e-8
+# Directions that are worked on at a time.
+_BLOCK = 256
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,7 @@ class Response:
     absorptance_stokes: Floats
 
 
-def fourier_coefficients(background: complex, ridges: list[tuple[float, float, complex]], count: int) -> Complexes:
+def fourier_coefficients(background: complex, ridges: Iterable[tuple[float, float, complex]], count: int) -> Complexes:
     """Fourier coefficients −count … count of a function that is `background` but on `ridges` (start, width, value).
 
     Starts and widths in periods.
@@ -84,15 +88,22 @@ class Lamella:
 
     thickness: float
     background: complex
-    ridges: list[tuple[float, float, complex]]
+    ridges: tuple[tuple[float, float, complex], ...]
 
     def matrices(self, n: int) -> tuple[Complexes, Complexes]:
         """⟦ε⟧ and ⟦1/ε⟧ (n, n)."""
-        inverse = [(start, width, 1 / value) for start, width, value in self.ridges]
+        inverse = tuple((start, width, 1 / value) for start, width, value in self.ridges)
         return (
             toeplitz_matrix(fourier_coefficients(self.background, self.ridges, n - 1)),
             toeplitz_matrix(fourier_coefficients(1 / self.background, inverse, n - 1)),
         )
+
+
+@lru_cache(maxsize=64)
+def _operators(layer: Lamella, n: int) -> tuple[Complexes, Complexes, Complexes, Complexes]:
+    """⟦ε⟧, ⟦1/ε⟧ and the inverse of each (n, n): the same for every direction."""
+    epsilon, inverse = layer.matrices(n)
+    return epsilon, inverse, np.linalg.inv(epsilon), np.linalg.inv(inverse)
 
 
 def lamellae(stack: LamellarStack) -> list[Lamella]:
@@ -100,10 +111,10 @@ def lamellae(stack: LamellarStack) -> list[Lamella]:
     out = []
     for layer in stack.layers:
         background = layer.index.permittivity
-        ridges = [
+        ridges = tuple(
             (ridge.start_nm / stack.period_nm, ridge.width_nm / stack.period_nm, ridge.index.permittivity)
             for ridge in layer.ridges if ridge.index.permittivity != background
-        ]
+        )
         out.append(Lamella(2 * np.pi * layer.thickness_nm / stack.wavelength_nm, background, ridges))
     return out
 
@@ -114,11 +125,10 @@ def modes(layer: Lamella, u_m: Floats) -> LayerModes:
         one, k = np.eye(u_m.size, dtype=complex), np.diag(u_m).astype(complex)
         beta2 = layer.background - u_m**2 + 0j
         return LayerModes(beta2, one, k, beta2, one, np.diag(beta2) / layer.background, k / layer.background)
-    epsilon, inverse = layer.matrices(u_m.size)
+    epsilon, inverse, inverse_epsilon, inverse_inverse = _operators(layer, u_m.size)
     beta2_s, psi = np.linalg.eig(epsilon - np.diag(u_m**2))
-    inverse_epsilon_k = np.linalg.solve(epsilon, np.diag(u_m).astype(complex))  # ⟦ε⟧⁻¹ K
-    operator = np.linalg.solve(inverse, np.eye(u_m.size) - u_m[:, None] * inverse_epsilon_k)
-    beta2_p, phi = np.linalg.eig(operator)
+    inverse_epsilon_k = inverse_epsilon * u_m  # ⟦ε⟧⁻¹ K
+    beta2_p, phi = np.linalg.eig(inverse_inverse @ (np.eye(u_m.size) - u_m[:, None] * inverse_epsilon_k))
     return LayerModes(
         beta2_s, psi, u_m[:, None] * psi, beta2_p, phi, inverse @ phi * beta2_p, inverse_epsilon_k @ phi
     )
@@ -128,7 +138,7 @@ def modes(layer: Lamella, u_m: Floats) -> LayerModes:
 
 
 def half_space(u_m: Floats, v: Floats, permittivity: complex) -> tuple[Complexes, Complexes]:
-    """k_z and the admittances of s and p (2, n_v, n) of outgoing plane waves."""
+    """k_z and the admittances of s and p (2, n_d, n) of outgoing plane waves."""
     k_t, index = np.hypot(u_m, v[:, None]), np.sqrt(complex(permittivity))
     k_z = square_root((index - k_t) * (index + k_t))  # a product keeps its digits at glancing light
     return k_z, np.stack([k_z, permittivity / k_z])
@@ -139,7 +149,7 @@ def tail(
 ) -> tuple[Complexes, Complexes]:
     """What lies behind the last patterned layer: homogeneous `layers` and a half-space.
 
-    Returns ρ (2, n_v, n) for s and p, and the tangential ẑ × E (2, n_v, n) in the half-space per f₊ at the top.
+    Returns ρ (2, n_d, n) for s and p, and the tangential ẑ × E (2, n_d, n) in the half-space per f₊ at the top.
     """
     _, y = half_space(u_m, v, permittivity)
     rho, through = (1 - y) / (1 + y), 1 / (1 + y)
@@ -153,7 +163,7 @@ def tail(
 
 
 def blocks(values: Complexes, u_m: Floats, v: Floats) -> Complexes:
-    """Blocks (n_v, n, 2, 2) in (x, y) of an operator on f, from its values (2, n_v, n) for s and p.
+    """Blocks (n_d, n, 2, 2) in (x, y) of an operator on f, from its values (2, n_d, n) for s and p.
 
     f = ẑ × E ± h lies along k_t for s and across it for p.
     """
@@ -167,7 +177,7 @@ def blocks(values: Complexes, u_m: Floats, v: Floats) -> Complexes:
 
 
 def apply_blocks(tensor: Complexes, columns: Complexes) -> Complexes:
-    """Blocks (n_v, n, 2, 2) on stacked components [x (n), y (n)] of columns (n_v, 2n, k)."""
+    """Blocks (n_d, n, 2, 2) on stacked components [x (n), y (n)] of columns (n_d, 2n, k)."""
     n = tensor.shape[1]
     x, y = columns[:, :n], columns[:, n:]
     return np.concatenate([tensor[..., i, 0, None] * x + tensor[..., i, 1, None] * y for i in (0, 1)], axis=1)
@@ -183,7 +193,7 @@ def _turned(field: Complexes) -> Complexes:
 
 
 def _flux(turned_e: Complexes, h: Complexes) -> Floats:
-    """Power along +z (n_v, 4, n) of each order for the Stokes components, from ẑ × E and h (n_v, 2n, 2).
+    """Power along +z (n_d, 4, n) of each order for the Stokes components, from ẑ × E and h (n_d, 2n, 2).
 
     With two unit polarisations a and b the power is P_aa |a|² + P_bb |b|² + 2 Re(P_ab a b*).
     """
@@ -211,11 +221,12 @@ def prepare(cell: Metagrating | LamellarStack) -> Stack:
     layers = lamellae(stack)
     last = max((i for i, layer in enumerate(layers) if layer.ridges), default=0)
     around = stack.surroundings
-    return Stack(stack.pitch, layers[: last + 1], layers[last + 1 :], around.front, complex(around.back) ** 2)
+    back = complex(around.back, around.back_k) ** 2
+    return Stack(stack.pitch, layers[: last + 1], layers[last + 1 :], around.front, back)
 
 
-def _incident(u: float, v: Floats, order: int, index: float) -> tuple[Complexes, Complexes]:
-    """ẑ × E and h (n_v, 2n, 2) of unit light in the zeroth order, polarised along each of the two basis vectors."""
+def _incident(u: Floats, v: Floats, order: int, index: float) -> tuple[Complexes, Complexes]:
+    """ẑ × E and h (n_d, 2n, 2) of unit light in the zeroth order, polarised along each of the two basis vectors."""
     n = 2 * order + 1
     e, h = np.zeros((2, v.size, 2 * n, 2), complex)
     k = wave_vector(u, v, index)
@@ -226,22 +237,39 @@ def _incident(u: float, v: Floats, order: int, index: float) -> tuple[Complexes,
     return _turned(e), h
 
 
-def efficiencies(stack: Stack, u: float, v: Floats, order: int) -> tuple[Floats, Floats]:
-    """Reflected and transmitted efficiencies (n_v, 4, n) of the orders for the Stokes components."""
-    u_m = u + stack.pitch * np.arange(-order, order + 1)
-    layers = [modes(layer, u_m) for layer in stack.patterned]
-    stacked = LayerModes(*(np.stack(part) for part in zip(*layers, strict=True)))
-    beta2 = np.concatenate([stacked.beta2_s, stacked.beta2_p], axis=1)
-    k_z = square_root(beta2 - v[:, None, None] ** 2)
-    x = np.exp(1j * k_z * np.array([layer.thickness for layer in stack.patterned])[:, None])
+def _through_layers(
+    stack: Stack, u_m: Floats, v: Floats, front: Complexes, back: Complexes, source: Complexes, negligible: float
+) -> tuple[Complexes, Complexes]:
+    """`scatter` for n_d directions, those of one u (equal rows of u_m) next to each other: f± at the top, f₊ below."""
+    top, bottom = np.empty((v.size, 2, *source.shape[1:]), complex), np.empty_like(source)
+    thickness = np.array([layer.thickness for layer in stack.patterned])[:, None]
+    starts = np.flatnonzero(np.append(True, np.any(np.diff(u_m, axis=0) != 0, axis=1)))
+    for begin, end in zip(starts, [*starts[1:], v.size], strict=True):
+        layers = [modes(layer, u_m[begin]) for layer in stack.patterned]
+        stacked = LayerModes(*(np.stack(part) for part in zip(*layers, strict=True)))
+        beta2 = np.concatenate([stacked.beta2_s, stacked.beta2_p], axis=1)
+        k_z = square_root(beta2 - v[begin:end, None, None] ** 2)
+        x, part = np.exp(1j * k_z * thickness), slice(begin, end)
+        scatter(
+            stacked, v[part], k_z, x, front[part], back[part], source[part], negligible, top[part], bottom[part]
+        )
+    return top, bottom
+
+
+def efficiencies(
+    stack: Stack, u: Floats, v: Floats, order: int, negligible: float = NEGLIGIBLE
+) -> tuple[Floats, Floats]:
+    """Reflected and transmitted efficiencies (n_d, 4, n) of the orders for the Stokes components, for u, v (n_d).
+
+    The modes are found once for neighbours of equal u.
+    """
+    u_m = u[:, None] + stack.pitch * np.arange(-order, order + 1)
     _, y_front = half_space(u_m, v, complex(stack.front_index) ** 2)
     front = blocks((1 - y_front) / (1 + y_front), u_m, v)
     rho, through = tail(stack.behind, stack.back, u_m, v)
     e_in, h_in = _incident(u, v, order, stack.front_index)
     source = e_in + h_in - apply_blocks(front, e_in - h_in)
-    top = np.empty((v.size, 2, *source.shape[1:]), complex)
-    bottom = np.empty_like(source)
-    scatter(stacked, v, k_z, x, front, blocks(rho, u_m, v), source, top, bottom)
+    top, bottom = _through_layers(stack, u_m, v, front, blocks(rho, u_m, v), source, negligible)
 
     e_r, h_r = (top[:, 0] + top[:, 1]) / 2 - e_in, (top[:, 0] - top[:, 1]) / 2 - h_in
     e_t = apply_blocks(blocks(through, u_m, v), bottom)
@@ -250,26 +278,42 @@ def efficiencies(stack: Stack, u: float, v: Floats, order: int) -> tuple[Floats,
     return -_flux(e_r, h_r) / incident, _flux(e_t, h_t) / incident
 
 
-def _solve_row(cell_axis: str, stack: Stack, u: float, v: Floats, order: int) -> tuple[Floats, ...]:
-    """The parts of a `Response` for one u and all v (n_v)."""
+def _solve_block(
+    axis: str, stack: Stack, u: Floats, v: Floats, order: int, negligible: float
+) -> tuple[Floats, ...]:
+    """The parts of a `Response` for directions u, v (n_d)."""
     orders = np.arange(-order, order + 1)
-    reflected, transmitted = efficiencies(stack, u, v, order)
+    reflected, transmitted = efficiencies(stack, u, v, order, negligible)
     u_m, w_front = order_cosines(u, v, stack.pitch, orders, stack.front_index)
     _, w_back = order_cosines(u, v, stack.pitch, orders, float(np.sqrt(stack.back).real))
     reflected = np.where(w_front.real[:, None] > 0, reflected, 0.0)
-    transmitted = np.where(w_back.real[:, None] > 0, transmitted, 0.0)
+    # What enters an absorbing half-space stays there.
+    transmitted = np.where((w_back.real[:, None] > 0) & (stack.back.imag == 0), transmitted, 0.0)
     w = wave_vector(u, v, stack.front_index)[:, 2, None]
     light = np.array([1.0, 0.0, 0.0, 0.0])
     q, absorptance = pressure(
-        u, v[:, None], w, u_m, w_front[:, None], w_back[:, None], reflected, transmitted, light
+        u[:, None], v[:, None], w, u_m[:, None], w_front[:, None], w_back[:, None], reflected, transmitted, light
     )
-    s = stokes(u, v, electric_vector(u, v, cell_axis, stack.front_index), stack.front_index)
-    nominal = [np.einsum("vs,vs...->v...", s, part) for part in (q, absorptance, reflected, transmitted)]
+    s = stokes(u, v, electric_vector(u, v, axis, stack.front_index), stack.front_index)
+    nominal = [np.einsum("ds,ds...->d...", s, part) for part in (q, absorptance, reflected, transmitted)]
     return (*nominal, q, absorptance)
 
 
-def solve(cell: Metagrating | LamellarStack, u: NDArray[np.float64], v: NDArray[np.float64], order: int) -> Response:
-    """Response over directions u (n_u) × v (n_v) with diffraction orders −order … order (see the module docstring)."""
+def solve(
+    cell: Metagrating | LamellarStack, u: NDArray[np.float64], v: NDArray[np.float64], order: int,
+    negligible: float = NEGLIGIBLE,
+) -> Response:
+    """Response over directions u (n_u) × v (n_v) with diffraction orders −order … order (see the module docstring).
+
+    Modes that decay by more than `negligible` across their layer are taken not to see its far side; q moves by less
+    than that.
+    """
     stack = prepare(cell)
-    rows = [_solve_row(cell.electric_axis, stack, float(x), np.asarray(v, float), order) for x in np.asarray(u, float)]
-    return Response(*(np.stack(part) for part in zip(*rows, strict=True)))
+    u, v = np.asarray(u, float), np.asarray(v, float)
+    blocks_of_u = np.array_split(u, max(1, u.size * v.size // _BLOCK))
+    done = [
+        _solve_block(cell.electric_axis, stack, np.repeat(part, v.size), np.tile(v, part.size), order, negligible)
+        for part in blocks_of_u
+    ]
+    parts = [np.concatenate(part) for part in zip(*done, strict=True)]
+    return Response(*(part.reshape(u.size, v.size, *part.shape[1:]) for part in parts))

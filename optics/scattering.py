@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from optics.incidence import Complexes, Floats
 
 # Modes that decay by more than this across their layer do not see the far side.
-_NEGLIGIBLE = 1e-9
+NEGLIGIBLE = 1e-9
 
 
 class LayerModes(NamedTuple):
@@ -69,94 +69,103 @@ def _ends(
 
 
 @numba.njit(cache=True)
-def _times_decay(matrix: Complexes, reach: NDArray[np.int64], x: Complexes) -> Complexes:
-    """Columns `reach` of a matrix, each times the decay x of its mode."""
-    out = np.empty((matrix.shape[0], reach.size), np.complex128)
-    for i in range(matrix.shape[0]):
-        for c in range(reach.size):
-            out[i, c] = matrix[i, reach[c]] * x[reach[c]]
+def _reaching(x: Complexes, negligible: float) -> NDArray[np.int64]:
+    """Modes whose decay x leaves more than `negligible`."""
+    return np.flatnonzero(np.abs(x) > negligible)
+
+
+@numba.njit(cache=True)
+def _returned(bounce: Complexes, reach: NDArray[np.int64], x: Complexes) -> Complexes:
+    """The part (n_reach, n_reach) of a bounce that is felt at the top again, decayed."""
+    out = np.empty((reach.size, reach.size), np.complex128)
+    for i in range(reach.size):
+        for j in range(reach.size):
+            out[i, j] = x[reach[i]] * bounce[reach[i], j]
     return out
 
 
 @numba.njit(cache=True)
-def _solved(a: Complexes, b: Complexes, x: Complexes, reach: NDArray[np.int64], bounce: Complexes) -> None:
-    """Columns `reach` of A⁻¹ B x into bounce (2n, 2n), the rest zero."""
-    some = np.linalg.solve(a, b)
-    bounce[:] = 0.0
-    for c in range(reach.size):
-        bounce[:, reach[c]] = some[:, c] * x[reach[c]]
+def _subtract(a: Complexes, product: Complexes, reach: NDArray[np.int64]) -> None:
+    """Columns `reach` of A less those of a product."""
+    for i in range(a.shape[0]):
+        for c in range(reach.size):
+            a[i, reach[c]] -= product[i, c]
 
 
 @numba.njit(cache=True)
 def _seen_from_above(
-    plus: Complexes, minus: Complexes, x: Complexes, bounce: Complexes, top: Complexes
+    plus: Complexes, minus: Complexes, x: Complexes, reach: NDArray[np.int64], bounce: Complexes, top: Complexes
 ) -> Complexes:
     """ρ of a layer and what lies behind: f₋ f₊⁻¹ with f₊ = F₊ + F₋ x b, which goes into `top`, and f₋ = F₋ + F₊ x b."""
-    reach = np.flatnonzero(np.abs(x) > _NEGLIGIBLE)
-    part = np.ascontiguousarray(bounce[reach])
-    top[:] = plus + _times_decay(minus, reach, x) @ part
-    away = minus + _times_decay(plus, reach, x) @ part
+    part = _returned(bounce, reach, x)
+    top[:] = plus
+    away = minus.copy()
+    _subtract(top, -minus[:, reach] @ part, reach)
+    _subtract(away, -plus[:, reach] @ part, reach)
     return np.ascontiguousarray(np.linalg.solve(np.ascontiguousarray(top.T), np.ascontiguousarray(away.T)).T)
 
 
 @numba.njit(cache=True)
 def _bounces(
-    x: Complexes, back: Complexes, plus: Complexes, minus: Complexes, top: Complexes, bounce: Complexes
-) -> None:
-    """From the back to the front: amplitudes that return at the bottom of each layer, per amplitude at its top."""
+    x: Complexes, back: Complexes, negligible: float, plus: Complexes, minus: Complexes, top: Complexes
+) -> list[Complexes]:
+    """Amplitudes (2n, n_reach) that return at the bottom of each layer, per amplitude at its top, last layer first."""
     n_l, m = plus.shape[0], plus.shape[1]
     a = np.empty((m, m), np.complex128)
+    out: list[Complexes] = []
     for layer in range(n_l - 1, -1, -1):
-        reach = np.flatnonzero(np.abs(x[layer]) > _NEGLIGIBLE)
+        reach = _reaching(x[layer], negligible)
         b = np.empty((m, reach.size), np.complex128)
         if layer == n_l - 1:
             _ends(back, plus[layer], minus[layer], reach, a, b)
         else:
-            below = layer + 1
-            rho = _seen_from_above(plus[below], minus[below], x[below], bounce[below], top[below])
+            i = layer + 1
+            rho = _seen_from_above(plus[i], minus[i], x[i], _reaching(x[i], negligible), out[-1], top[i])
             a[:] = plus[layer] - rho @ minus[layer]
             b[:] = (rho @ plus[layer] - minus[layer])[:, reach]
-        _solved(a, b, x[layer], reach, bounce[layer])
+        for c in range(reach.size):
+            b[:, c] *= x[layer, reach[c]]
+        out.append(np.ascontiguousarray(np.linalg.solve(a, b)))
+    return out
 
 
 @numba.njit(cache=True)
 def _amplitudes(
-    front: Complexes, source: Complexes, x: Complexes, plus: Complexes, minus: Complexes, bounce: Complexes
+    front: Complexes, source: Complexes, x: Complexes, negligible: float, plus: Complexes, minus: Complexes,
+    bounce: Complexes,
 ) -> Complexes:
     """Amplitudes (2n, 2) that the light drives at the top of the first layer."""
-    m = plus.shape[0]
-    reach = np.flatnonzero(np.abs(x) > _NEGLIGIBLE)
+    m, reach = plus.shape[0], _reaching(x, negligible)
     a, b = np.empty((m, m), np.complex128), np.empty((m, reach.size), np.complex128)
     _ends(front, plus, minus, reach, a, b)
-    for c in range(reach.size):
-        b[:, c] *= x[reach[c]]
-    a -= b @ np.ascontiguousarray(bounce[reach])
+    _subtract(a, b @ _returned(bounce, reach, x), reach)
     return np.linalg.solve(a, source)
 
 
 @numba.njit(cache=True)
 def scatter(
     modes: LayerModes, v: Floats, k_z: Complexes, x: Complexes, front: Complexes, back: Complexes, source: Complexes,
-    outer: Complexes, inner: Complexes,
+    negligible: float, outer: Complexes, inner: Complexes,
 ) -> None:
     """f₊ and f₋ at the top (outer (n_v, 2, 2n, 2)) and f₊ at the bottom (inner (n_v, 2n, 2)) of n_l layers for each v.
 
     k_z, x (n_v, n_l, 2n): wave numbers and decays of the modes. front, back (n_v, n, 2, 2): ρ seen from the layers.
-    source (n_v, 2n, 2): f₊ − ρ_front f₋ of the incident light for each of two polarisations.
+    source (n_v, 2n, 2): f₊ − ρ_front f₋ of the incident light for each of two polarisations. Modes that decay below
+    `negligible` do not see the far side of their layer.
     """
     n_l, m = modes.psi.shape[0], 2 * modes.psi.shape[1]
     plus, minus = np.empty((n_l, m, m), np.complex128), np.empty((n_l, m, m), np.complex128)
-    bounce, top = np.empty((n_l, m, m), np.complex128), np.empty((n_l, m, m), np.complex128)
+    top = np.empty((n_l, m, m), np.complex128)
     for p in range(v.size):
         for layer in range(n_l):
             _waves(modes, layer, v[p], k_z[p, layer], plus[layer], minus[layer])
-        _bounces(x[p], back[p], plus, minus, top, bounce)
-        down = _amplitudes(front[p], source[p], x[p, 0], plus[0], minus[0], bounce[0])
+        bounces = _bounces(x[p], back[p], negligible, plus, minus, top)
+        down = _amplitudes(front[p], source[p], x[p, 0], negligible, plus[0], minus[0], bounces[-1])
         for layer in range(n_l):
             decay = x[p, layer].copy().reshape(m, 1)
             if layer > 0:
                 down = np.linalg.solve(top[layer], inner[p])
-            up = bounce[layer] @ down
+            up = bounces[n_l - 1 - layer] @ np.ascontiguousarray(down[_reaching(x[p, layer], negligible)])
             if layer == 0:
                 outer[p, 0] = plus[0] @ down + minus[0] @ (decay * up)
                 outer[p, 1] = minus[0] @ down + plus[0] @ (decay * up)

@@ -187,7 +187,7 @@ def test_orders_agree_with_meent(u, v):
     ).conv_solve()
     s_hat = np.array([-np.sin(phi), np.cos(phi), 0.0])
     for field, result in ((s_hat, theirs.res_te_inc), (np.cross(s_hat, wave_vector(u, v)), theirs.res_tm_inc)):
-        ours = efficiencies(prepare(cell), u, np.array([v]), order)
+        ours = efficiencies(prepare(cell), np.array([u]), np.array([v]), order)
         for mine, their in zip(ours, (np.squeeze(result.de_ri), np.squeeze(result.de_ti)), strict=True):
             runs = their > 0
             assert np.abs(stokes(u, v, field) @ mine[0] - their)[runs].max() < 1e-12

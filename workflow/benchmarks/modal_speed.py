@@ -1,0 +1,110 @@
+"""Speed of the modal method: against `meent` on a table of 51 × 51 directions, and how the cost grows.
+
+Both solvers use the same factorisation rules and agree to rounding order by order, so that equal orders mean equal
+errors: those that `optics.modal` chooses for 1e-3. `meent` (NumPy, its continuous Fourier series, which is its fastest
+exact setting here) is timed on random directions of the table and scaled to all of them. One core, one thread; times
+are CPU times, the best of several.
+
+    python workflow/benchmarks/modal_speed.py [--directions 60]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import meent
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from optics.cells import LamellarStack, Metagrating, as_stack, read_metagrating
+from optics.modal import choose_order, solve
+
+DESIGNS = Path(__file__).parents[1] / "designs"
+RANGE = 0.4227
+TOLERANCE = 1e-3
+NEGLIGIBLE = 1e-2 * TOLERANCE  # as in `optics.modal`
+
+
+def seconds(work: Callable[[], object], repeats: int = 3) -> float:
+    """CPU seconds of a piece of work, the best of several."""
+    best = np.inf
+    for _ in range(repeats):
+        start = time.process_time()
+        work()
+        best = min(best, time.process_time() - start)
+    return best
+
+
+def raster(stack: LamellarStack, pixel: float) -> np.ndarray:
+    """Refractive index (n_layers, 1, n_pixels) as `meent` takes it, with edges on pixel boundaries."""
+    places = (np.arange(round(stack.period_nm / pixel)) + 0.5) * pixel
+    rows = []
+    for layer in stack.layers:
+        row = np.full(places.size, complex(layer.index.n, -layer.index.k))
+        for ridge in layer.ridges:
+            inside = (places > ridge.start_nm) & (places < ridge.start_nm + ridge.width_nm)
+            row[inside] = complex(ridge.index.n, -ridge.index.k)
+        rows.append([row])
+    return np.array(rows)
+
+
+def with_meent(cell: Metagrating, directions: np.ndarray, order: int) -> None:
+    """All directions (n, 2), one after the other."""
+    stack = as_stack(cell)
+    index, thickness = raster(stack, 10.0), [layer.thickness_nm for layer in stack.layers]
+    for u, v in directions:
+        meent.call_mee(
+            backend=0, pol=1, n_top=1, n_bot=1, theta=np.arcsin(np.hypot(u, v)), phi=np.arctan2(v, u),
+            fto=[order, 0], wavelength=cell.wavelength_nm, period=[cell.period_nm], ucell=index, thickness=thickness,
+            fourier_type=1, enhanced_dfs=True,
+        ).conv_solve()
+
+
+def against_meent(cell: Metagrating, count: int) -> str:
+    """One line: a table of 51 × 51 directions with either."""
+    u, v = np.linspace(-RANGE, RANGE, 51), np.linspace(0.0, RANGE, 26)  # v < 0 is the mirror image
+    order = choose_order(cell, u[::2], v[[0, 13, 25]], TOLERANCE)
+    error = np.quantile(np.abs(solve(cell, u, v, order).q - solve(cell, u, v, 60).q).max(axis=-1), 0.95)
+    ours = seconds(lambda: solve(cell, u, v, order, NEGLIGIBLE), 6)
+    rng = np.random.default_rng(0)
+    directions = rng.uniform([-RANGE, 0.0], RANGE, (count, 2))
+    theirs = seconds(lambda: with_meent(cell, directions, order), 2) / count
+    half = theirs * u.size * v.size
+    return (
+        f"{cell.name}: ±{order} orders, error {error:.1e} (95 %): ours {ours:.2f} s; meent {1e3 * theirs:.1f} ms a "
+        f"direction, {2 * half:.1f} s for 51 × 51 ({half:.1f} s using the mirror): {2 * half / ours:.0f} times ours "
+        f"({half / ours:.0f} times with the mirror)"
+    )
+
+
+def growth(cell: Metagrating) -> list[str]:
+    """How the cost grows with orders and with directions, and a table of 201 × 201."""
+    v = np.linspace(0.0, RANGE, 26)
+    lines = ["orders   ms for one u and 26 v   ms for one u and one v"]
+    for order in (10, 15, 22, 33, 50, 75):
+        row, one = (seconds(lambda x=x, n=order: solve(cell, np.array([0.1]), x, n)) for x in (v, v[3:4]))
+        lines.append(f"{order:6d} {1e3 * row:22.1f} {1e3 * one:24.1f}")
+    u, v = np.linspace(-RANGE, RANGE, 201), np.linspace(0.0, RANGE, 101)
+    order = choose_order(cell, u[::8], v[[0, 50, 100]], TOLERANCE)
+    large = seconds(lambda: solve(cell, u, v, order, NEGLIGIBLE), 1)
+    lines.append(f"201 × 201 directions at ±{order} orders: {large:.1f} s")
+    return lines
+
+
+def main() -> None:
+    """Print the comparison and the growth for the paper's two cells."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--directions", type=int, default=60)
+    arguments = parser.parse_args()
+    with threadpool_limits(1):
+        for name in ("mark1e_te", "mark1e_tm"):
+            cell = read_metagrating(DESIGNS / f"{name}.yaml")
+            print(against_meent(cell, arguments.directions), flush=True)
+            print(*growth(cell), sep="\n", flush=True)
+
+
+if __name__ == "__main__":
+    main()
