@@ -13,6 +13,7 @@ include: "workflow/rules/optics.smk"
 include: "workflow/rules/stability.smk"
 include: "workflow/rules/flight.smk"
 include: "workflow/rules/figures.smk"
+include: "workflow/rules/accuracy.smk"
 
 
 rule all:

@@ -10,9 +10,9 @@ from ±120 orders.
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 import numpy as np
+from rows import CELLS, DESIGNS
 from threadpoolctl import threadpool_limits
 
 from optics.cells import Metagrating, read_metagrating
@@ -55,8 +55,7 @@ def main() -> None:
     parser.add_argument("--tolerance", type=float, default=1e-3)
     arguments = parser.parse_args()
     rng = np.random.default_rng(arguments.seed)
-    designs = Path(__file__).parents[1] / "designs"
-    cells = [read_metagrating(designs / f"{name}.yaml") for name in ("mark1e_te", "mark1e_tm")]
+    cells = [read_metagrating(DESIGNS / f"{name}.yaml") for name in CELLS]
     cells += [random_cell(rng, k) for k in range(arguments.cells)]
     ratios, errors = [], []
     print(f"{'cell':12s} orders  error 95 %  covered  over 10 x  median ratio")

@@ -11,56 +11,18 @@ are CPU times, the best of several.
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Callable
-from pathlib import Path
 
-import meent
+import meent_solver
 import numpy as np
+from rows import CELLS, DESIGNS, seconds
 from threadpoolctl import threadpool_limits
 
-from optics.cells import LamellarStack, Metagrating, as_stack, read_metagrating
+from optics.cells import Metagrating, read_metagrating
 from optics.modal import choose_order, solve
 
-DESIGNS = Path(__file__).parents[1] / "designs"
 RANGE = 0.4227
 TOLERANCE = 1e-3
 NEGLIGIBLE = 1e-2 * TOLERANCE  # as in `optics.modal`
-
-
-def seconds(work: Callable[[], object], repeats: int = 3) -> float:
-    """CPU seconds of a piece of work, the best of several."""
-    best = np.inf
-    for _ in range(repeats):
-        start = time.process_time()
-        work()
-        best = min(best, time.process_time() - start)
-    return best
-
-
-def raster(stack: LamellarStack, pixel: float) -> np.ndarray:
-    """Refractive index (n_layers, 1, n_pixels) as `meent` takes it, with edges on pixel boundaries."""
-    places = (np.arange(round(stack.period_nm / pixel)) + 0.5) * pixel
-    rows = []
-    for layer in stack.layers:
-        row = np.full(places.size, complex(layer.index.n, -layer.index.k))
-        for ridge in layer.ridges:
-            inside = (places > ridge.start_nm) & (places < ridge.start_nm + ridge.width_nm)
-            row[inside] = complex(ridge.index.n, -ridge.index.k)
-        rows.append([row])
-    return np.array(rows)
-
-
-def with_meent(cell: Metagrating, directions: np.ndarray, order: int) -> None:
-    """All directions (n, 2), one after the other."""
-    stack = as_stack(cell)
-    index, thickness = raster(stack, 10.0), [layer.thickness_nm for layer in stack.layers]
-    for u, v in directions:
-        meent.call_mee(
-            backend=0, pol=1, n_top=1, n_bot=1, theta=np.arcsin(np.hypot(u, v)), phi=np.arctan2(v, u),
-            fto=[order, 0], wavelength=cell.wavelength_nm, period=[cell.period_nm], ucell=index, thickness=thickness,
-            fourier_type=1, enhanced_dfs=True,
-        ).conv_solve()
 
 
 def against_meent(cell: Metagrating, count: int) -> str:
@@ -71,7 +33,7 @@ def against_meent(cell: Metagrating, count: int) -> str:
     ours = seconds(lambda: solve(cell, u, v, order, NEGLIGIBLE), 6)
     rng = np.random.default_rng(0)
     directions = rng.uniform([-RANGE, 0.0], RANGE, (count, 2))
-    theirs = seconds(lambda: with_meent(cell, directions, order), 2) / count
+    theirs = seconds(lambda: meent_solver.solve(cell, directions, order), 2) / count
     half = theirs * u.size * v.size
     return (
         f"{cell.name}: ±{order} orders, error {error:.1e} (95 %): ours {ours:.2f} s; meent {1e3 * theirs:.1f} ms a "
@@ -100,7 +62,7 @@ def main() -> None:
     parser.add_argument("--directions", type=int, default=60)
     arguments = parser.parse_args()
     with threadpool_limits(1):
-        for name in ("mark1e_te", "mark1e_tm"):
+        for name in CELLS:
             cell = read_metagrating(DESIGNS / f"{name}.yaml")
             print(against_meent(cell, arguments.directions), flush=True)
             print(*growth(cell), sep="\n", flush=True)

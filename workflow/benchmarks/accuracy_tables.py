@@ -1,0 +1,53 @@
+"""Error against time of whole modal tables, by the tolerance asked for: orders, spacing and interpolation together.
+
+The error is that of the table's look-up at random directions within ±25°, against ±60 orders at each of them.
+
+    python workflow/benchmarks/accuracy_tables.py --out accuracy_tables.csv
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from rows import CELLS, DESIGNS, Row, seconds, write
+from threadpoolctl import threadpool_limits
+
+from optics.cells import read_metagrating
+from optics.files import run_stage
+from optics.modal import make_table, solve
+
+TOLERANCES = (1e-2, 3e-3, 1e-3)
+RANGE = 0.4227
+TRUTH = 60
+LEVELS = ((0.5, "table, median"), (0.99, "table, 99 %"))
+
+
+def tables() -> Iterator[Row]:
+    """Each cell at each tolerance."""
+    rng = np.random.default_rng(5)
+    for name in CELLS:
+        cell = read_metagrating(DESIGNS / f"{name}.yaml")
+        u, v = rng.uniform(-RANGE, RANGE, 60), rng.uniform(0.0, RANGE, 10)
+        truth = solve(cell, u, v, TRUTH).q
+        for tolerance in TOLERANCES:
+            made = []
+            spent = seconds(lambda t=tolerance, c=cell, m=made: m.append(make_table(c, RANGE, RANGE, t)), 1)
+            error = np.abs(made[0].q(u[:, None], v) - truth).max(axis=-1)
+            for level, where in LEVELS:
+                yield Row("modal table", name, where, f"{tolerance:g}", float(np.quantile(error, level)), spent)
+
+
+def main() -> None:
+    """Write the rows."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", required=True, type=Path)
+    arguments = parser.parse_args()
+    with threadpool_limits(1):
+        write(arguments.out, tables())
+
+
+if __name__ == "__main__":
+    run_stage(main)

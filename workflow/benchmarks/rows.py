@@ -1,0 +1,60 @@
+"""What the accuracy benchmarks share: the columns of their CSV files, the directions they look at, CPU time."""
+
+from __future__ import annotations
+
+import csv
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from optics.files import atomic
+
+DESIGNS = Path(__file__).parents[1] / "designs"
+CELLS = ("mark1e_te", "mark1e_tm")
+# Within ±10°: far from and on the steepest flank of a resonance of each cell.
+EASY = (0.05, 0.02)
+RESONANT = {"mark1e_te": (-0.153, 0.02), "mark1e_tm": (0.128, 0.02)}
+
+
+class Row(NamedTuple):
+    """One measurement: error of q and CPU seconds of one solver at one setting, for a direction or a whole table."""
+
+    solver: str
+    cell: str
+    direction: str
+    setting: str
+    error: float
+    seconds: float
+
+
+def directions(cell: str) -> list[tuple[str, float, float]]:
+    """(name, u, v) of the directions that a cell is solved in."""
+    return [("easy", *EASY), ("resonant", *RESONANT[cell])]
+
+
+def seconds(work: Callable[[], object], repeats: int = 3) -> float:
+    """CPU seconds of a piece of work, the best of several."""
+    best = np.inf
+    for _ in range(repeats):
+        start = time.process_time()
+        work()
+        best = min(best, time.process_time() - start)
+    return best
+
+
+def write(path: Path, rows: Iterable[Row]) -> None:
+    """Write rows as CSV, atomically."""
+    with atomic(path) as temporary, Path(temporary).open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(Row._fields)
+        table.writerows([*row[:4], f"{row.error:.4e}", f"{row.seconds:.4e}"] for row in rows)
+
+
+def read(path: Path) -> list[Row]:
+    """Rows of a CSV file that `write` made."""
+    with path.open(newline="", encoding="utf-8") as file:
+        texts = [[row[name] for name in Row._fields] for row in csv.DictReader(file)]
+    return [Row(*text[:4], float(text[4]), float(text[5])) for text in texts]

@@ -1,0 +1,52 @@
+"""What accuracy costs: error against time for every knob. None of it is part of `make results`."""
+
+ACCURACY = ["modal", "tables", *(["fdtd"] if plan.fdtd else [])]
+
+
+rule accuracy_optics:
+    input:
+        "results/accuracy/optics.csv",
+
+
+rule accuracy_rows:
+    input:
+        sources=lambda wildcards: sources(f"workflow/benchmarks/accuracy_{wildcards.part}.py"),
+        cells=[f"workflow/designs/{name}.yaml" for name in ("mark1e_te", "mark1e_tm")],
+    output:
+        "results/accuracy/{part}.csv",
+    wildcard_constraints:
+        part="modal|tables|fdtd",
+    log:
+        "results/logs/accuracy/{part}.log",
+    benchmark:
+        "results/benchmarks/accuracy/{part}.tsv"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=60,
+    message:
+        "Error against time: {wildcards.part}"
+    shell:
+        "python workflow/benchmarks/accuracy_{wildcards.part}.py --out {output} > {log} 2>&1"
+
+
+rule accuracy_figure:
+    input:
+        rows=[f"results/accuracy/{part}.csv" for part in ACCURACY],
+        sources=[*sources("workflow/figures/accuracy.py"), "workflow/benchmarks/rows.py"],
+    output:
+        csv="results/accuracy/optics.csv",
+        markdown="results/accuracy/optics.md",
+        png="results/figures/accuracy_optics.png",
+        svg="results/figures/accuracy_optics.svg",
+    log:
+        "results/logs/accuracy/optics.log",
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Figure and table of what the accuracy of the optics costs"
+    shell:
+        "python workflow/figures/accuracy.py --rows {input.rows} --csv {output.csv} --markdown {output.markdown}"
+        " --out {output.png} --svg {output.svg} > {log} 2>&1"
