@@ -14,7 +14,11 @@ from matplotlib.figure import Figure
 from optics.files import atomic, run_stage
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
-from rows import Row, read, write
+from rows import (  # type: ignore[import-not-found]
+    Row,
+    read,
+    write,
+)
 
 GOALS = (1e-2, 1e-3, 1e-4)
 MARKERS = "osD^vP*X"
