@@ -1,10 +1,11 @@
-"""What a sail's surface is made of: `Metagrating` and `ThinFilm`, read strictly from YAML."""
+"""What a sail's surface is made of: metagratings, lamellar stacks, any profile, films, read strictly from YAML."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from optics.files import InputError, Name, NonNegative, Pair, Positive, Strict, load_yaml, validate
@@ -229,13 +230,45 @@ KINDS: dict[str, type[Cell]] = {
 }
 
 
-def read_cell(path: str | Path) -> Cell:
-    """The cell described by a YAML file; InputError names the file, the field and what is allowed."""
+def read_cell(path: str | Path, wavelength_nm: float | None = None) -> Cell:
+    """The cell described by a YAML file; InputError names the file, the field and what is allowed.
+
+    `wavelength_nm` replaces the file's own wavelength, as for a sail that moves away from its laser. An index may be
+    dispersive: `index: {table: [[wavelength_nm, n, k], ...]}`, interpolated linearly.
+    """
     data = load_yaml(path)
     kind = data.get("kind") if isinstance(data, dict) else None
     if not isinstance(kind, str) or kind not in KINDS:
         raise InputError(f"{path}: kind = {kind!r}: must be one of {', '.join(KINDS)}")
-    return validate(data, KINDS[kind], path)
+    if wavelength_nm is not None:
+        data["wavelength_nm"] = wavelength_nm
+    return validate(_resolved(data, data.get("wavelength_nm"), path, ""), KINDS[kind], path)
+
+
+def _resolved(data: Any, wavelength: Any, path: str | Path, where: str) -> Any:
+    """The data with every index table replaced by its n and k at the wavelength."""
+    if isinstance(data, list):
+        return [_resolved(item, wavelength, path, f"{where}[{i}]") for i, item in enumerate(data)]
+    if not isinstance(data, dict):
+        return data
+    if set(data) == {"table"} and where.rsplit(".", 1)[-1] == "index":
+        return _interpolated(data["table"], wavelength, f"{path}: {where}.table")
+    below = f"{where}." if where else ""
+    return {key: _resolved(item, wavelength, path, f"{below}{key}") for key, item in data.items()}
+
+
+def _interpolated(table: Any, wavelength: Any, where: str) -> dict[str, float]:
+    """N and k at a wavelength, from rows [wavelength, n, k]."""
+    try:
+        rows = np.asarray(table, float)
+    except (TypeError, ValueError):
+        rows = np.empty(0)
+    if rows.ndim != 2 or rows.shape[1] != 3 or len(rows) < 2 or np.any(np.diff(rows[:, 0]) <= 0):
+        raise InputError(f"{where}: must be two or more rows [wavelength_nm, n, k] with ascending wavelengths")
+    if not isinstance(wavelength, int | float) or not rows[0, 0] <= wavelength <= rows[-1, 0]:
+        raise InputError(f"{where}: wavelength_nm = {wavelength}: must be within {rows[0, 0]:g} … {rows[-1, 0]:g}")
+    n, k = (float(np.interp(wavelength, rows[:, 0], column)) for column in rows.T[1:])
+    return {"n": n, "k": k}
 
 
 def read_metagrating(path: str | Path) -> Metagrating:

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+import yaml
 
 from optics.cells import read_cell, read_metagrating
 from optics.files import InputError
@@ -57,3 +58,22 @@ def test_derived_quantities(te, tm):
     assert te.mean_thickness_nm == pytest.approx(400.0)
     assert tm.mean_thickness_nm == pytest.approx(1240 / 3)
     assert te.index.permittivity == pytest.approx((2 + 2e-6j) ** 2)
+
+
+def test_a_dispersive_index_is_taken_at_the_wavelength(tmp_path, te):
+    data = te.model_dump() | {"index": {"table": [[1000.0, 2.1, 0.0], [1100.0, 2.0, 1e-6]]}}
+    path = tmp_path / "cell.yaml"
+    path.write_text(yaml.safe_dump(data), encoding="utf-8")
+    assert read_cell(path).index.n == pytest.approx(2.036)
+    moved = read_cell(path, wavelength_nm=1050.0)
+    assert (moved.index.n, moved.index.k, moved.wavelength_nm) == pytest.approx((2.05, 5e-7, 1050.0))
+    with pytest.raises(InputError, match=r"index.table: wavelength_nm = 900.0: must be within 1000 … 1100"):
+        read_cell(path, wavelength_nm=900.0)
+
+
+@pytest.mark.parametrize("table", ["nitride", [[1000.0, 2.0]], [[1000.0, 2.0, 0.0]], [[1100, 2, 0], [1000, 2, 0]]])
+def test_a_malformed_index_table_is_refused(tmp_path, te, table):
+    path = tmp_path / "cell.yaml"
+    path.write_text(yaml.safe_dump(te.model_dump() | {"index": {"table": table}}), encoding="utf-8")
+    with pytest.raises(InputError, match=r"index.table: must be two or more rows \[wavelength_nm, n, k\]"):
+        read_cell(path)
