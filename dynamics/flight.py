@@ -30,7 +30,7 @@ _PLAIN = {
     "temperature_min": (1, "K"), "temperature_mean": (1, "K"), "strain_max": (1, "1"), "strain_min": (1, "1"),
     "energy_kinetic": (1, "J"), "energy_elastic": (1, "J"), "power_incident": (1, "W"), "power_absorbed": (1, "W"),
     "power_radiated": (1, "W"), "force": (3, "N"), "torque": (3, "N m"), "impulse": (3, "N s"),
-    "outside_table": (1, "1"),
+    "outside_table": (1, "1"), "power_reflected": (1, "W"),
 }
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.kernels import elastic, optical, sheet, spin, step, thermal, triangles
+from dynamics.kernels import elastic, optical, reflections, sheet, spin, step, thermal, tree, triangles
 from dynamics.lattice import (
     STABILITY,
     Floats,
@@ -170,6 +170,23 @@ def _light(scene: Scene, mesh: Mesh, tables: dict[str, PressureTable], effects: 
     )
 
 
+def _mirror(scene: Scene, mesh: Mesh, tables: dict[str, PressureTable], effects: Plan) -> reflections.Mirror:
+    """The sail as mirrors; InputError where a region is a grating, which throws light in more than one direction."""
+    on, given, designs = effects["light"].on and effects["reflections"].on, scene.reflections, scene.sail.designs
+    gratings = [design for design in designs if on and not tables[design].axisymmetric]
+    if gratings:
+        raise InputError(
+            f"{scene.name}.yaml: effects.reflections: '{gratings[0]}' is a grating; only light from specular films is "
+            "traced: set effects.reflections: false"
+        )
+    kinds = np.array([designs.index(r.design) if r.design else -1 for r in scene.sail.regions])[mesh.sector]
+    centres = mesh.nodes[mesh.triangles].mean(axis=1)
+    return reflections.Mirror(
+        tree=tree.plant(centres if on else centres[:0]), kind=kinds if on else kinds[:0], bounces=given.bounces,
+        rays=given.rays_a_side, cutoff=given.cutoff, least=1e-9 * float(np.ptp(mesh.nodes, axis=0).max()),
+    )
+
+
 def spin_up_time(scene: Scene) -> float:
     """Length of the spin-up in s; if not given Gao et al.'s |f|/(1801.8 max(|f|/100 Hz, Γ)), Γ = 10, curved sails 2."""
     if scene.flight.spin_up_s is not None:
@@ -226,7 +243,8 @@ def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
     model = step.Model(
         springs=_springs(mesh, lat, effects), sheet=_sheet(scene, mesh, effects), triangles=_triangles(scene, mesh),
         masses=lat.masses, per_mass=1.0 / lat.masses, rest=np.ascontiguousarray(centred(mesh, lat.masses).T),
-        lit=effects["light"].on, light=_light(scene, mesh, tables, effects), warm=is_warm(effects),
+        lit=effects["light"].on, light=_light(scene, mesh, tables, effects),
+        mirror=_mirror(scene, mesh, tables, effects), warm=is_warm(effects),
         heat=_heat(scene, mesh, lat, effects),
         spin_up=spin_up, integrator=INTEGRATORS[scene.flight.integrator], dt=dt, release=release,
         end=release + math.ceil(scene.flight.duration_s / dt - 1e-9), optics_every=scene.flight.optics_every,
@@ -256,6 +274,15 @@ def _light_work(t: int) -> optical.LightWork:
     )
 
 
+def _mirror_work(mirror: reflections.Mirror) -> reflections.MirrorWork:
+    """Work space for tracing rays; next to nothing where that is off."""
+    t, leaves = mirror.kind.size, mirror.tree.bounds.size - 1
+    return reflections.MirrorWork(
+        boxes=np.zeros((2 * leaves - 1 if t else 0, 6)), force=np.zeros((3, t)), heat=np.zeros(t),
+        stack=np.zeros(64 if t else 0, np.int64), account=np.zeros(8),
+    )
+
+
 def work_space(model: step.Model) -> step.Work:
     """Work arrays for a model; those of effects that are off, and of rk4 where it is not used, are empty."""
     n, m, t = model.masses.size, model.springs.start.size, model.triangles.masses.size
@@ -271,7 +298,8 @@ def work_space(model: step.Model) -> step.Work:
     )
     return step.Work(
         free=model.springs.rest.copy(), sheet=elastic_sheet, pull=np.zeros((3, 2 * m + 1)),
-        acceleration=np.zeros((3, n)), sides=np.zeros((6, t)), light=_light_work(t if model.lit else 0), heat=heat,
+        acceleration=np.zeros((3, n)), sides=np.zeros((6, t)), light=_light_work(t if model.lit else 0),
+        mirror=_mirror_work(model.mirror), heat=heat,
         flags=np.zeros(2, np.int64), gain=np.zeros(1),
         stage=step.Stage(*np.zeros((4, 3, stages)), *np.zeros((2, stages if model.warm else 0))),
     )

@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 
 from dynamics.command import stage_arguments
 from dynamics.materials import MATERIALS, Material
+from dynamics.shapes import rim_slope
 from optics.files import InputError, Name, NonNegative, Pair, Positive, Strict, read_model, run_stage, write_json
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
@@ -224,8 +225,21 @@ class Flight(Strict):
     checkpoint_every_s: Positive = 60.0
 
 
+class Reflections(Strict):
+    """Light that one part of a specular sail throws on another.
+
+    bounces: hits after which a ray is given up. rays_a_side: each triangle sends the square of it. cutoff: share of
+    its first power below which a ray is given up.
+    """
+
+    bounces: Annotated[int, Field(ge=1, le=1000)] = 4
+    rays_a_side: Annotated[int, Field(ge=1, le=100)] = 1
+    cutoff: Fraction = 1e-6
+
+
 EFFECTS = (
-    "light", "spin_up", "absorption", "emission", "conduction", "expansion", "tensile_failure", "thermal_failure",
+    "light", "reflections", "spin_up", "absorption", "emission", "conduction", "expansion", "tensile_failure",
+    "thermal_failure",
 )
 
 
@@ -233,6 +247,7 @@ class Effects(Strict):
     """Overrides of the derived plan: true, false, or null to let the scene decide."""
 
     light: bool | None = None
+    reflections: bool | None = None
     spin_up: bool | None = None
     absorption: bool | None = None
     emission: bool | None = None
@@ -262,6 +277,7 @@ class Scene(Strict):
     outside_table: Literal["stop", "clamp"] = "stop"
     rigid: Rigid = Rigid()
     flight: Flight = Flight()
+    reflections: Reflections = Reflections()
     effects: Effects = Effects()
 
 
@@ -280,6 +296,23 @@ def read_scene(path: str | Path) -> Scene:
     return scene
 
 
+def _reflections(scene: Scene, lit: bool) -> Effect:
+    """Whether light along the axis can meet the sail twice.
+
+    Off a slope s it leaves at 2s from where it came; the rest of the sail lies at most by the steepest slope S above
+    the horizon, so 3S > 90° is needed, and a tilt adds to S.
+    """
+    steep = math.degrees(rim_slope(scene.sail)) + math.hypot(scene.release.pitch_deg, scene.release.roll_deg)
+    bright = any(region.design or region.reflectance for region in scene.sail.regions)
+    if not (lit and bright):
+        return Effect(on=False, reason="nothing reflects light")
+    if scene.sail.profile == "flat":
+        return Effect(on=False, reason="a flat sail does not reflect onto itself")
+    if steep <= 30.0:
+        return Effect(on=False, reason=f"slopes of {steep:.3g}°, up to 30° no light meets the sail twice")
+    return Effect(on=True, reason=f"slopes of {steep:.3g}°, above 30°, and reflecting")
+
+
 def _derived(scene: Scene) -> dict[str, Effect]:
     materials = [region.properties for region in scene.sail.regions]
     lit = scene.beam.intensity_W_m2 > 0
@@ -291,6 +324,7 @@ def _derived(scene: Scene) -> dict[str, Effect]:
     expands = expansion != 0 if expansion is not None else any(m.expansion_1_K != 0 for m in materials)
     return {
         "light": Effect(on=lit, reason=f"intensity {scene.beam.intensity_W_m2:g} W/m²"),
+        "reflections": _reflections(scene, lit),
         "spin_up": Effect(on=spins, reason=f"spin {scene.release.spin_Hz:g} Hz"),
         "absorption": Effect(on=heated, reason="light on an absorber" if heated else "nothing absorbs light"),
         "emission": Effect(on=emits, reason="emissivity above zero" if emits else "emissivity zero everywhere"),

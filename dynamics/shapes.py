@@ -12,11 +12,13 @@ round). Seed radii x_n of ring n and heights z(r) for nominal radius R, N rings,
 from __future__ import annotations
 
 import itertools
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.scene import Sail
+if TYPE_CHECKING:
+    from dynamics.scene import Sail
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -59,6 +61,17 @@ def height(sail: Sail, r: Floats) -> Floats:
         return -depth * r
     ball, _ = _ball(sail.radius_m, depth)
     return np.asarray(-ball * (1.0 - np.sqrt(np.maximum(1.0 - (r / ball) ** 2, 0.0))))
+
+
+def rim_slope(sail: Sail) -> float:
+    """Steepest slope in rad of the profile against the beam's cross-section: that at the rim."""
+    depth = abs(sail.depth or 0.0)
+    if sail.profile == "flat" or depth == 0:
+        return 0.0
+    if sail.profile == "sphere":
+        return _ball(sail.radius_m, depth)[1]
+    steep = depth if sail.profile == "cone" else 2.0 * depth * seed_radii(sail)[-1] / sail.radius_m
+    return float(np.arctan(steep))
 
 
 def _ring(outline: str, n: int, x: float) -> Floats:

@@ -10,14 +10,15 @@ from dynamics.kernels.optical import Light, LightWork
 from dynamics.kernels.triangles import Triangles, total
 
 #: Where each quantity of a row starts. `fit` is Σ m (x − c) X₀ᵀ (3, 3); `angular_momentum`, `inertia` (xx, yy, zz, xy,
-#: xz, yz) are about the centre of mass; `impulse` is the time integral of the optical force since the start.
+#: xz, yz) are about the centre of mass; `impulse` is the time integral of the optical force since the start;
+#: `power_reflected` leaves the sail in traced rays, 0 where reflections are off.
 COLUMNS = {
     "time": 0, "position": 1, "velocity": 4, "fit": 7, "angular_momentum": 16, "inertia": 19, "temperature_max": 25,
     "temperature_min": 26, "temperature_mean": 27, "strain_max": 28, "strain_min": 29, "energy_kinetic": 30,
     "energy_elastic": 31, "power_incident": 32, "power_absorbed": 33, "power_radiated": 34, "force": 35, "torque": 38,
-    "impulse": 41, "outside_table": 44,
+    "impulse": 41, "outside_table": 44, "power_reflected": 45,
 }
-WIDTH = 45
+WIDTH = 46
 
 
 @numba.njit(cache=True, error_model="numpy")

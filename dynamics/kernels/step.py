@@ -14,10 +14,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.kernels import elastic, failure, optical, record, sheet, thermal, triangles
+from dynamics.kernels import elastic, failure, optical, record, reflections, sheet, thermal, triangles
 from dynamics.kernels.beam import ramp
 from dynamics.kernels.elastic import Floats, Springs
 from dynamics.kernels.optical import Light, LightWork
+from dynamics.kernels.reflections import Mirror, MirrorWork
 from dynamics.kernels.sheet import Sheet, SheetWork
 from dynamics.kernels.spin import SpinUp, kick
 from dynamics.kernels.thermal import Heat, HeatWork
@@ -42,6 +43,7 @@ class Model(NamedTuple):
     rest: Floats
     lit: bool
     light: Light
+    mirror: Mirror
     warm: bool
     heat: Heat
     spin_up: SpinUp
@@ -76,6 +78,7 @@ class Work(NamedTuple):
     acceleration: Floats
     sides: Floats
     light: LightWork
+    mirror: MirrorWork
     heat: HeatWork
     flags: NDArray[np.int64]
     gain: Floats
@@ -125,6 +128,8 @@ def _light_up(model: Model, work: Work, x: Floats) -> int:
         if work.light.outside[2] > 0 or (work.light.outside[0] > 0 and not model.light.clamp):
             work.flags[1] = work.light.outside[1]
             return failure.LEFT_TABLE
+        if model.mirror.kind.size > 0:
+            reflections.bounce(model.mirror, work.mirror, model.light, work.light, x, work.sides)
         work.flags[0] = 1
     optical.turn(work.light, work.sides, work.gain[0])
     triangles.add_vectors(model.triangles.slots, work.light.force, work.acceleration)
@@ -325,6 +330,7 @@ def write_row(model: Model, state: State, work: Work, n: int, row: Floats) -> in
         row[34] = thermal.radiated(work.heat.emitting, model.triangles.slots, state.temperature, model.heat.background)
     if work.gain[0] > 0.0:
         record.illumination(model.light, work.light, state.x, work.gain[0], row)
+        row[45] = work.gain[0] * work.mirror.account[reflections.LEAVES]
     for c in range(3):
         row[41 + c] = state.impulse[c]
     row[44] = work.light.outside[0]

@@ -13,6 +13,7 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from dynamics import lattice
 from dynamics.kernels import sheet
+from dynamics.kernels.record import WIDTH
 from dynamics.kernels.step import run
 from dynamics.membrane import Flight, fly
 from dynamics.mesh import Mesh, sail_mesh
@@ -259,7 +260,7 @@ def test_run_is_the_same_to_the_bit(tmp_path: Path):
     for _ in range(2):
         flight = Flight(dark(4), {}, tmp_path)
         flight.state.x[...] *= 1.001
-        rows = np.empty((300, 45))
+        rows = np.empty((300, WIDTH))
         run(flight.model, flight.state, flight.work, 0, 500, True, rows)
         ends.append(flight.state.x.copy())
     assert np.array_equal(*ends)

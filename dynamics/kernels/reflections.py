@@ -1,0 +1,171 @@
+"""Light that one part of a specular sail throws on another: rays from every lit triangle, traced from hit to hit.
+
+A ray of power P and unit direction d that meets a triangle of normal n at the cosine |d·n|, from whichever side, gives
+
+    F = (P/c)(2R (d·n) n + a d),  heat = a P,
+
+and goes on from there with R P along d − 2(d·n)n. R and a are means over polarisation. What passes through is dropped.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from dynamics.kernels.beam import LIGHT_SPEED
+from dynamics.kernels.elastic import Floats
+from dynamics.kernels.optical import Integers, Light, LightWork, table
+from dynamics.kernels.tree import Tree, nearest, refit
+from optics.table import lookup
+
+#: Entries of the account of a trace: power in W that leaves, passes through at a hit, is absorbed at a hit, is left in
+#: rays that were given up, and how many hits; then the momentum flow in N that leaves (three components).
+LEAVES, THROUGH, ABSORBED, GIVEN_UP, HITS, MOMENTUM = range(6)
+
+
+class Mirror(NamedTuple):
+    """The sail as mirrors; no triangles where reflections are off.
+
+    kind (t,): table of each triangle, or −1 for constant response. bounces: hits of a ray, at most. rays: sub-triangles
+    a side, each of which sends a ray. cutoff: share of the first power below which a ray is given up. least: distance
+    in m that a ray must go between hits.
+    """
+
+    tree: Tree
+    kind: Integers
+    bounces: int
+    rays: int
+    cutoff: float
+    least: float
+
+
+class MirrorWork(NamedTuple):
+    """Work space: boxes of the tree, force (3, t) in N, heat (t,) in W, a stack, and the account (8,) of a trace."""
+
+    boxes: Floats
+    force: Floats
+    heat: Floats
+    stack: Integers
+    account: Floats
+
+
+@numba.njit(cache=True, error_model="numpy")
+def response(light: Light, kind: int, i: int, cosine: float) -> tuple[float, float]:
+    """Reflectance and absorptance of triangle i for light at that cosine of incidence; see `optical` for films.
+
+    A film's table holds q_n = (2R + a) cos and, along the light, a sin.
+    """
+    if kind < 0:
+        return light.reflectance[i], light.absorptance[i]
+    sine = math.sqrt(max(1.0 - cosine * cosine, 0.0))
+    film = table(light.tables, kind)
+    along, _, normal, absorbed, _ = lookup(film, sine, 0.0)
+    loss = along / min(sine, film.u[-1]) if sine > 1e-6 else absorbed
+    heat = light.absorptance[i] if light.absorptance[i] >= 0.0 else absorbed
+    # Beyond the table's last sine the ratio would no longer be that of one direction
+    at = max(cosine, math.sqrt(max(1.0 - film.u[-1] * film.u[-1], 1e-12)))
+    return min(max(0.5 * (normal / at - loss), 0.0), 1.0 - heat), heat
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _strike(
+    mirror: Mirror, work: MirrorWork, light: Light, frame: Floats, j: int, direction: Floats, power: float
+) -> float:
+    """Force and heat of a ray on triangle j; turns the direction and returns the power that goes on."""
+    n0, n1, n2 = frame[0, j], frame[1, j], frame[2, j]
+    across = direction[0] * n0 + direction[1] * n1 + direction[2] * n2
+    share, loss = response(light, mirror.kind[j], j, min(abs(across), 1.0))
+    scale, push = power / LIGHT_SPEED, 2.0 * share * across
+    work.force[0, j] += scale * (push * n0 + loss * direction[0])
+    work.force[1, j] += scale * (push * n1 + loss * direction[1])
+    work.force[2, j] += scale * (push * n2 + loss * direction[2])
+    work.heat[j] += loss * power
+    work.account[ABSORBED] += loss * power
+    work.account[THROUGH] += (1.0 - share - loss) * power
+    work.account[HITS] += 1.0
+    direction[0] -= 2.0 * across * n0
+    direction[1] -= 2.0 * across * n1
+    direction[2] -= 2.0 * across * n2
+    return share * power
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _follow(
+    mirror: Mirror, work: MirrorWork, light: Light, frame: Floats, x: Floats, i: int, origin: Floats,
+    direction: Floats, power: float,
+) -> None:
+    """One ray from triangle i until it leaves, has hit often enough, or is too weak."""
+    weakest, own = mirror.cutoff * power, i
+    for _ in range(mirror.bounces):
+        j, distance = nearest(
+            mirror.tree, work.boxes, x, light.corners, origin, direction, own, mirror.least, work.stack
+        )
+        if j < 0:
+            work.account[LEAVES] += power
+            for c in range(3):
+                work.account[MOMENTUM + c] += power * direction[c] / LIGHT_SPEED
+            return
+        for c in range(3):
+            origin[c] += distance * direction[c]
+        power = _strike(mirror, work, light, frame, j, direction, power)
+        own = j
+        if power <= weakest:
+            break
+    work.account[GIVEN_UP] += power
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _send(mirror: Mirror, work: MirrorWork, light: Light, frame: Floats, x: Floats, i: int, power: float) -> None:
+    """Rays of equal power from the centres of the rays² equal parts of triangle i, for light along +z."""
+    m, n2 = mirror.rays, frame[2, i]
+    origin, direction = np.empty(3), np.empty(3)
+    p, q, s = light.corners[0, i], light.corners[1, i], light.corners[2, i]
+    for a in range(m):
+        for b in range(2 * (m - a) - 1):
+            # Rows of triangles, every second one upside down
+            up = b % 2 == 0
+            u, v = (a + (1.0 if up else 2.0) / 3.0) / m, (b // 2 + (1.0 if up else 2.0) / 3.0) / m
+            for c in range(3):
+                origin[c] = x[c, p] + u * (x[c, q] - x[c, p]) + v * (x[c, s] - x[c, p])
+                direction[c] = -2.0 * n2 * frame[c, i]
+            direction[2] += 1.0
+            _follow(mirror, work, light, frame, x, i, origin, direction, power / (m * m))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _hold(work: MirrorWork, held: LightWork, e: Floats) -> None:
+    """Add force and heat to those held in the frame of each triangle: F = c₁ e₁ + c₂ e₂ + c₃ e₁ × e₂."""
+    for i in range(work.heat.size):
+        a0, a1, a2, b0, b1, b2 = e[0, i], e[1, i], e[2, i], e[3, i], e[4, i], e[5, i]
+        n0, n1, n2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+        f0, f1, f2 = work.force[0, i], work.force[1, i], work.force[2, i]
+        square = n0 * n0 + n1 * n1 + n2 * n2
+        held.held[0, i] += (
+            (f1 * b2 - f2 * b1) * n0 + (f2 * b0 - f0 * b2) * n1 + (f0 * b1 - f1 * b0) * n2
+        ) / square
+        held.held[1, i] += (
+            (a1 * f2 - a2 * f1) * n0 + (a2 * f0 - a0 * f2) * n1 + (a0 * f1 - a1 * f0) * n2
+        ) / square
+        held.held[2, i] += (f0 * n0 + f1 * n1 + f2 * n2) / square
+        held.absorbed[i] += work.heat[i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def bounce(mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, x: Floats, e: Floats) -> None:
+    """Add the light reflected within the sail to the held light, right after its refresh; sides e (6, t), x (3, n)."""
+    refit(mirror.tree, x, light.corners, work.boxes)
+    for i in range(work.heat.size):
+        work.heat[i] = 0.0
+        for c in range(3):
+            work.force[c, i] = 0.0
+    for k in range(work.account.size):
+        work.account[k] = 0.0
+    for i in range(work.heat.size):
+        share, _ = response(light, mirror.kind[i], i, abs(held.frame[2, i]))
+        power = share * held.incident[i]
+        if power > 0.0:
+            _send(mirror, work, light, held.frame, x, i, power)
+    _hold(work, held, e)
