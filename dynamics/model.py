@@ -133,15 +133,11 @@ def _heat(scene: Scene, mesh: Mesh, lat: Lattice, effects: Plan) -> thermal.Heat
 
 def _tables(arrays: list[TableArrays], nearest: bool) -> optical.Tables:
     """Tables one after the other; none at all is allowed."""
-    parts = [[t.u, t.v, t.bucket_u, t.bucket_v, t.coefficients.ravel()] for t in arrays]
-    sizes = np.array([[part.size for part in table] for table in parts], dtype=np.int64).reshape(-1, 5)
-    kinds = (float, float, np.int64, np.int64, float)
-    u, v, bucket_u, bucket_v, coefficients = (
-        np.concatenate([np.empty(0, kind), *(t[i] for t in parts)]) for i, kind in enumerate(kinds)
-    )
-    starts = np.concatenate([np.zeros((1, 5), np.int64), np.cumsum(sizes, axis=0)])
+    numbers = np.concatenate([np.empty(0), *(t.numbers for t in arrays)])
+    places = np.concatenate([np.empty(0, np.int64), *(t.places for t in arrays)])
+    starts = np.cumsum([[0, 0], *([t.numbers.size, t.places.size] for t in arrays)], axis=0)
     axisymmetric = np.array([t.axisymmetric for t in arrays], dtype=bool)
-    return optical.Tables(u, v, bucket_u, bucket_v, coefficients, starts, axisymmetric, nearest)
+    return optical.Tables(numbers, places, starts, axisymmetric, nearest)
 
 
 def _ranges(scene: Scene, mesh: Mesh) -> Integers:

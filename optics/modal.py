@@ -5,68 +5,52 @@ python -m optics.modal --cell workflow/designs/mark1e_te.yaml --out table.h5
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from optics.cells import Metagrating, read_metagrating
 from optics.command import check_range, table_arguments
-from optics.files import InputError, Stopwatch, progress, run_stage, versions
-from optics.incidence import Floats, cutoffs
+from optics.files import InputError, Stopwatch, run_stage, versions
+from optics.incidence import Floats
+from optics.incidence import cutoffs as rayleigh_cutoffs
 from optics.lamellar import Response as Response
 from optics.lamellar import solve as solve
 from optics.local import normal_response
 from optics.normal import ATTRIBUTE
-from optics.sampling import Refined, refine, spread
-from optics.table import PressureTable
+from optics.refinement import Refined, first_lines, refine, start
+from optics.strips import Curves, breaks, rayleigh_curves
+from optics.table import PARITY, Cutoffs, PressureTable
 
 _LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 100, 125, 150)
 _SEEN = 0.6
-_SCOUT_ORDER = 12
-_SMALLEST_STEP = 5e-4
+# The first rows in u and lines in v² are no further apart: narrower resonances may be missed.
+_FIRST_STEP = 0.0112
+_FEWEST_ROWS, _FEWEST_LINES = 17, 6
 
 
-def _flat(response: Response) -> Floats:
-    """Q and absorptance (n_u, 4 n_v): one row a u."""
-    values = np.concatenate([response.q, response.absorptance[..., None]], axis=-1)
-    return values.reshape(values.shape[0], -1)
+def _quantities(response: Response) -> Floats:
+    """Q and absorptance (4, n_u, n_v)."""
+    return np.concatenate([np.moveaxis(response.q, -1, 0), response.absorptance[None]])
 
 
-@dataclass(frozen=True)
-class _Grid:
-    """Nodes u (n_u), v (n_v) of a table and the interpolation error (n_u, n_v) to expect around them."""
-
-    u: Floats
-    v: Floats
-    error: Floats
+def window_curves(cell: Metagrating, u_max: float, v_max: float) -> Curves:
+    """Cut-offs within the window, of both half-spaces."""
+    # Where a half-space carries no waves at the largest v its cut-offs close within the table: left to refinement.
+    indices = tuple(n for n in (cell.surroundings.front, cell.surroundings.back) if n > v_max)
+    return rayleigh_curves(cell.pitch, indices, -u_max, u_max, v_max)
 
 
-def _along(refined: Refined, lines: Floats, at: Floats) -> Floats:
-    """Error of q (n_nodes, n_at): of the sampled line nearest to each of `at`."""
-    error = refined.error.reshape(refined.nodes.size, lines.size, 4)[..., :3].max(axis=-1)
-    return np.asarray(error[:, np.abs(lines[:, None] - at).argmin(axis=0)])
+def choose_nodes(cell: Metagrating, u_max: float, v_max: float, tolerance: float, order: int) -> Refined:
+    """Directions at which interpolation meets `tolerance`, solved with the given `order`."""
 
+    def response(u: Floats, v: Floats) -> Floats:
+        return _quantities(solve(cell, u, v, order))
 
-def choose_nodes(cell: Metagrating, u_max: float, v_max: float, tolerance: float) -> _Grid:
-    """Nodes in u and in v ≥ 0 at which interpolation meets `tolerance`, found with a modest number of orders.
-
-    Rayleigh cut-offs at v = 0 are nodes; away from it they run along circles through the grid, where `refine` stops at
-    a smallest step and reports the error that is left.
-    """
-    lines_v = v_max * np.array([0.0, 0.37, 0.71, 1.0])
-    front = cell.surroundings.front
-    start = spread(u_max, max(u_max / 16, 1e-3), cutoffs(cell.pitch, u_max, index=front))
-    u = refine(lambda x: _flat(solve(cell, x, lines_v, _SCOUT_ORDER)), start, tolerance, _SMALLEST_STEP)
-    lines_u = u.nodes[:: max(1, u.nodes.size // 12)]
-
-    def over_v(x: Floats) -> Floats:
-        response = solve(cell, lines_u, x, _SCOUT_ORDER)
-        return _flat(Response(*(np.swapaxes(part, 0, 1) for part in vars(response).values())))
-
-    v = refine(over_v, np.linspace(0.0, v_max, 9), tolerance, 24 * _SMALLEST_STEP)
-    error = np.hypot(_along(u, lines_v, v.nodes), _along(v, lines_u, u.nodes).T)
-    return _Grid(u.nodes, v.nodes, error)
+    curves = window_curves(cell, u_max, v_max)
+    u = np.linspace(-u_max, u_max, max(_FEWEST_ROWS, 1 + 2 * int(np.ceil(u_max / _FIRST_STEP))))
+    lines = max(_FEWEST_LINES, int(np.ceil(v_max**2 / _FIRST_STEP)))
+    v = first_lines(breaks(curves, -u_max, u_max, v_max), lines)
+    return refine(start(response, curves, u, v, PARITY), tolerance, f"modal {cell.name}")
 
 
 def choose_order(cell: Metagrating, u: Floats, v: Floats, tolerance: float) -> int:
@@ -101,22 +85,21 @@ def order_error(cell: Metagrating, u: Floats, v: Floats, order: int, q: Floats) 
 def make_table(cell: Metagrating, u_max: float, v_max: float, tolerance: float) -> PressureTable:
     """Pressure table over |u| ≤ u_max, |v| ≤ v_max, its orders and directions chosen for an error near `tolerance`."""
     watch = Stopwatch()
-    grid = choose_nodes(cell, u_max, v_max, tolerance)
-    order = choose_order(cell, grid.u[:: max(1, grid.u.size // 24)], v_max * np.array([0.0, 0.5, 1.0]), tolerance)
-    blocks = np.array_split(grid.u, max(1, grid.u.size // 8))
-    rows = [solve(cell, block, grid.v, order) for block in progress(blocks, f"modal {cell.name}", unit="block")]
-    q, absorptance = (np.concatenate([getattr(row, name) for row in rows]) for name in ("q", "absorptance"))
-    error = order_error(cell, grid.u, grid.v, order, q) + grid.error
-    lossless = cell.index.k == 0
+    order = choose_order(cell, np.linspace(-u_max, u_max, 24), v_max * np.array([0.0, 0.5, 1.0]), tolerance)
+    refined = choose_nodes(cell, u_max, v_max, tolerance, order)
+    found = refined.samples
+    q, absorptance = found.nodes[:3], found.nodes[3]
+    error = order_error(cell, found.u, found.v, order, np.moveaxis(q, 0, -1)) + refined.error
+    cutoffs = Cutoffs(found.curves, found.on_curves[:3], found.on_curves[3]) if len(found.curves) else None
     attrs = {
         "name": cell.name, "solver": "modal", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
         "settings": {"u_max": u_max, "v_max": v_max, "tolerance": tolerance, "orders": order},
-        "cutoffs": cutoffs(cell.pitch, u_max, index=cell.surroundings.front),
-        "energy_imbalance": float(np.abs(absorptance).max()) if lossless else float(max(0.0, -absorptance.min())),
+        "cutoffs": rayleigh_cutoffs(cell.pitch, u_max, index=cell.surroundings.front),
+        "energy_imbalance": float(np.abs(absorptance).max() if cell.index.k == 0 else max(0.0, -absorptance.min())),
         ATTRIBUTE: normal_response(cell, order).as_dict(),
         "wall_seconds": watch.seconds, "versions": versions("numpy", "scipy"),
     }
-    return PressureTable(grid.u, grid.v, np.moveaxis(q, -1, 0), absorptance, error, mirror_v=True, attrs=attrs)
+    return PressureTable(found.u, found.v, q, absorptance, error, mirror_v=True, attrs=attrs, cutoffs=cutoffs)
 
 
 def main() -> None:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.table import PressureTable, slope_matrix
+from optics.patches import slope_matrix
+from optics.table import PressureTable
 
 Floats = NDArray[np.float64]
 

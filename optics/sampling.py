@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BarycentricInterpolator, CubicHermiteSpline, CubicSpline
 
 from optics.files import InputError
-from optics.table import slope_matrix
+from optics.patches import slope_matrix
 
 Floats = NDArray[np.float64]
 Response = Callable[[Floats], Floats]

@@ -1,8 +1,9 @@
 """The pressure table: the one contract between optics and motion.
 
 A table belongs to one cell, one polarisation and one wavelength. It holds q (force × c per incident power, in the cell
-frame g, r, n) and the absorptance on a grid of direction cosines, with an error estimate for every direction. It is
-read back with a C¹ bicubic Hermite interpolation whose slopes come from local five-point differences.
+frame g, r, n) and the absorptance on a grid of direction cosines, with an error estimate for every direction, and
+exactly on the Rayleigh cut-offs where there are any. Between them it is interpolated by bicubic Hermite patches that
+end at the cut-offs (`optics.strips`): continuous everywhere, with continuous slopes off the cut-offs.
 
 Files are HDF5 in the netCDF-4 layout: `xarray.open_dataset(path, engine="h5netcdf")` reads them without this module.
 """
@@ -17,50 +18,43 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from optics.files import InputError, atomic
-from optics.interpolation import Floats, TableArrays, lookup_gradient, lookup_many
+from optics.interpolation import Floats, TableArrays, lookup_many, lookup_slopes_many, pack
 from optics.interpolation import lookup as lookup
+from optics.patches import Values, make_patches
+from optics.strips import Curves, lay_out, no_curves
 
-SCHEMA = 1
+SCHEMA = 2
 COMPONENTS = ("g", "r", "n")
-_BUCKETS_PER_NODE = 4
+STOKES = ("1", "s1", "s2", "s3")
+# Under v → −v: q_g, q_n and the absorptance are even, q_r is odd; light of s2 and s3 becomes that of −s2 and −s3.
+PARITY = np.array([1.0, -1.0, 1.0, 1.0])
+STOKES_PARITY = np.array([1.0, 1.0, -1.0, -1.0])
+_REQUIRED = ("u", "v", "q", "absorptance", "error")
+
+Variables = dict[str, tuple[tuple[str, ...], Floats, str]]
 
 
 class OutsideTable(InputError):
     """A direction was asked for that the table does not hold."""
 
 
-@numba.njit(cache=True)
-def _gradient_many(t: TableArrays, u: Floats, v: Floats, out: Floats) -> None:
-    for p in range(u.size):
-        lookup_gradient(t, u[p], v[p], out[p])
+@dataclass(frozen=True)
+class Cutoffs:
+    """The response exactly on the Rayleigh cut-offs, at (u_c(v), v) of every stored v.
 
+    curves (n): which they are. q (3, n, n_v), absorptance (n, n_v), NaN where a curve is outside the table. For the
+    Stokes components, if the table has them: q_stokes (4, 3, n, n_v), absorptance_stokes (4, n, n_v).
+    """
 
-def slope_matrix(nodes: Floats) -> Floats:
-    """Matrix (n, n) giving the derivative at each node from the five (or all, if fewer) nearest nodes."""
-    n = nodes.size
-    width = min(5, n)
-    matrix = np.zeros((n, n))
-    for i in range(n):
-        start = min(max(i - width // 2, 0), n - width)
-        near = np.arange(start, start + width)
-        x = nodes[near] - nodes[i]
-        scale = np.abs(x).max() or 1.0
-        powers = np.vander(x / scale, increasing=True).T
-        rhs = np.zeros(width)
-        rhs[1] = 1.0 / scale
-        matrix[i, near] = np.linalg.solve(powers, rhs)
-    return matrix
-
-
-def _buckets(nodes: Floats) -> NDArray[np.int64]:
-    edges = np.linspace(nodes[0], nodes[-1], _BUCKETS_PER_NODE * nodes.size, endpoint=False)
-    return np.clip(np.searchsorted(nodes, edges, side="right") - 1, 0, nodes.size - 2)
+    curves: Curves
+    q: Floats
+    absorptance: Floats
+    q_stokes: Floats | None = None
+    absorptance_stokes: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -71,6 +65,12 @@ class PressureTable:
     (n_u, n_v): absorbed fraction and estimated absolute error of q. With `mirror_v` only v ≥ 0 is stored (q_g, q_n and
     the absorptance are even in v, q_r is odd). An axisymmetric table (a film) has v = [0] and u from 0.
     `attrs`: what made the table (name, cell, solver, settings, versions, wall_seconds, energy_imbalance, cutoffs).
+    `cutoffs`: values on the Rayleigh cut-offs; None for a response without any.
+
+    All polarisations, where they are known: q_stokes (4, 3, n_u, n_v) and absorptance_stokes (4, n_u, n_v). For light
+    of normalised Stokes vector (1, s1, s2, s3), q is the sum of them times its four entries. s1 = +1 is E along e1, the
+    projection of r perpendicular to k, s1 = −1 is E along e2 = k × e1/|k|; s2 = ±1 is E along (e1 ± e2)/√2, s3 = ±1 is
+    circular, e1 ± i e2.
     """
 
     u: Floats
@@ -81,55 +81,112 @@ class PressureTable:
     mirror_v: bool = False
     axisymmetric: bool = False
     attrs: dict[str, Any] = field(default_factory=dict)
+    cutoffs: Cutoffs | None = None
+    q_stokes: Floats | None = None
+    absorptance_stokes: Floats | None = None
 
     def __post_init__(self) -> None:
-        shape = (self.u.size, self.v.size)
-        for name, array, want in (
-            ("q", self.q_nodes, (3, *shape)), ("absorptance", self.absorptance_nodes, shape),
-            ("error", self.error, shape),
-        ):
-            if array.shape != want:
+        self._check_axes()
+        sizes = {"component": 3, "stokes": 4, "u": self.u.size, "v": self.v.size, "cutoff": len(self._curves)}
+        for name, (dims, array, _) in self._variables().items():
+            if array.shape != (want := tuple(sizes[dim] for dim in dims)):
                 raise InputError(f"{name} has shape {array.shape}; must be {want}")
-            if not np.all(np.isfinite(array)):
+            held = self._on_curves if dims[-2:] == ("cutoff", "v") else True
+            if not np.all(np.isfinite(array) == held):
                 raise InputError(f"{name} holds values that are not finite")
+        if not np.all(self.error > 0):
+            raise InputError("error must be greater than 0 everywhere")
+        partly = self.q_stokes is None, self.absorptance_stokes is None
+        curves = self.cutoffs
+        if len({*partly, *((curves.q_stokes is None, curves.absorptance_stokes is None) if curves else ())}) > 1:
+            raise InputError("q_stokes and absorptance_stokes, also on the cut-offs, must be given together")
+
+    def _check_axes(self) -> None:
         for name, nodes, least in (("u", self.u, 2), ("v", self.v, 1 if self.axisymmetric else 2)):
-            if nodes.size < least or np.any(np.diff(nodes) <= 0):
+            if nodes.ndim != 1 or nodes.size < least or not np.all(np.diff(nodes) > 0):
                 raise InputError(f"{name} must hold at least {least} ascending values")
         if not (np.all(np.isfinite(self.u)) and np.all(np.isfinite(self.v))):
             raise InputError("u and v must be finite")
         if self.axisymmetric and self.v.tolist() != [0.0]:
             raise InputError("an axisymmetric table must have v = [0]")
-        if not np.all(self.error > 0):
-            raise InputError("error must be greater than 0 everywhere")
         if self.mirror_v and self.v[0] != 0:
             raise InputError("a table with mirror_v must start at v = 0")
+        if self.cutoffs is None:
+            return
+        if not self.mirror_v:
+            raise InputError("a table with cut-offs must have mirror_v")
+        if not (np.all(np.isin(self._curves.sign, (-1, 1))) and np.all(self._curves.index > self.v[-1])):
+            raise InputError("cutoff_sign must be ±1 and cutoff_index above the largest v")
+        try:
+            lay_out(self._curves, self.u[0], self.u[-1], self.v)
+        except ValueError as missing:
+            raise InputError(str(missing)) from None
+
+    @property
+    def _curves(self) -> Curves:
+        return self.cutoffs.curves if self.cutoffs else no_curves()
+
+    @cached_property
+    def _on_curves(self) -> Any:
+        return self._curves.inside(self.v, self.u[0], self.u[-1])
 
     @property
     def name(self) -> str:
         """Name of the cell the table belongs to."""
         return str(self.attrs.get("name", ""))
 
-    @cached_property
-    def _full(self) -> tuple[Floats, Floats]:
-        """V (n_v) over both signs, or [0, 1] for a film, and values (4, n_u, n_v) of q and absorptance."""
-        values = np.concatenate([self.q_nodes, self.absorptance_nodes[None]])
-        if self.axisymmetric:
-            return np.array([0.0, 1.0]), np.repeat(values, 2, axis=2)
-        if not self.mirror_v:
-            return self.v, values
-        odd = np.array([1.0, -1.0, 1.0, 1.0])[:, None, None]
-        return np.concatenate([-self.v[:0:-1], self.v]), np.concatenate([odd * values[:, :, :0:-1], values], axis=2)
+    def _variables(self) -> Variables:
+        """Every number of the table, as it is named in a file: dims, array, long name."""
+        found: dict[str, tuple[tuple[str, ...], Any, str]] = {
+            "u": (("u",), self.u, "direction cosine of incidence across the ridges"),
+            "v": (("v",), self.v, "direction cosine of incidence along the ridges"),
+            "q": (("component", "u", "v"), self.q_nodes, "force × c / incident power"),
+            "absorptance": (("u", "v"), self.absorptance_nodes, "absorbed share of the power"),
+            "error": (("u", "v"), self.error, "estimated absolute error of q"),
+            "q_stokes": (("stokes", "component", "u", "v"), self.q_stokes, "q for each Stokes component"),
+            "absorptance_stokes": (("stokes", "u", "v"), self.absorptance_stokes, "likewise"),
+        }
+        if c := self.cutoffs:
+            found |= {
+                "cutoff_order": (("cutoff",), c.curves.order, "order m that grazes at u = sign √(index² − v²) − shift"),
+                "cutoff_sign": (("cutoff",), c.curves.sign, "sign of that order's u"),
+                "cutoff_index": (("cutoff",), c.curves.index, "refractive index of its half-space"),
+                "cutoff_offset": (("cutoff",), c.curves.offset, "distance in u of a line of nodes beside the cut-off"),
+                "cutoff_shift": (("cutoff",), c.curves.shift, "m λ/d − offset"),
+                "cutoff_q": (("component", "cutoff", "v"), c.q, "q on the cut-off; NaN outside the table"),
+                "cutoff_absorptance": (("cutoff", "v"), c.absorptance, "likewise"),
+                "cutoff_q_stokes": (("stokes", "component", "cutoff", "v"), c.q_stokes, "likewise"),
+                "cutoff_absorptance_stokes": (("stokes", "cutoff", "v"), c.absorptance_stokes, "likewise"),
+            }
+        return {name: (dims, array, text) for name, (dims, array, text) in found.items() if array is not None}
 
-    def arrays(self, nearest: bool = False) -> TableArrays:
-        """The table as plain arrays for compiled kernels."""
-        v, f = self._full
-        du, dv = slope_matrix(self.u), slope_matrix(v)
-        f_u = np.einsum("ij,kjl->kil", du, f)
-        c = np.concatenate([f, f_u, f @ dv.T, f_u @ dv.T])
-        return TableArrays(
-            np.ascontiguousarray(self.u), np.ascontiguousarray(v), _buckets(self.u), _buckets(v),
-            np.ascontiguousarray(np.moveaxis(c, 0, 2)), self.axisymmetric, nearest,
-        )
+    def _values(self, stokes: bool) -> Values:
+        """The quantities to be interpolated: q and absorptance, or those of the four Stokes components."""
+        c, u, v = self.cutoffs, self.u, self.v
+        q: Floats | None = self.q_nodes[None]
+        a: Floats | None = self.absorptance_nodes[None]
+        if stokes:
+            q, a = self.q_stokes, self.absorptance_stokes
+        if q is None or a is None:
+            raise InputError(f"table '{self.name}' holds no Stokes components")
+        nodes, on_curves = _stack(q, a), np.empty((4 * len(q), 0, v.size))
+        if c:
+            on_curves = _stack(*(
+                (c.q_stokes, c.absorptance_stokes) if stokes else (c.q[None], c.absorptance[None])
+            ))
+        if self.axisymmetric:
+            v, nodes = np.array([0.0, 1.0]), np.repeat(nodes, 2, axis=2)
+        parity = np.outer(STOKES_PARITY[: len(q)], PARITY).ravel()
+        return Values(u, v, nodes, on_curves, parity if self.mirror_v else None)
+
+    def arrays(self, nearest: bool = False, stokes: bool = False) -> TableArrays:
+        """The table as plain arrays for compiled kernels, which give q and absorptance.
+
+        With `stokes` they give 16 quantities, q_g, q_r, q_n and absorptance for each of the Stokes components.
+        """
+        values = self._values(stokes)
+        layout = lay_out(self._curves, values.u[0], values.u[-1], values.v)
+        return pack(layout, values, make_patches(layout, values), self.axisymmetric, nearest)
 
     @cached_property
     def _arrays(self) -> TableArrays:
@@ -152,8 +209,8 @@ class PressureTable:
         """The range of directions, in words."""
         if self.axisymmetric:
             return f"√(u² + v²) ≤ {self.u[-1]:.6g}"
-        v = self._full[0]
-        return f"u {self.u[0]:.6g} … {self.u[-1]:.6g}, v {v[0]:.6g} … {v[-1]:.6g}"
+        first = -self.v[-1] if self.mirror_v else self.v[0]
+        return f"u {self.u[0]:.6g} … {self.u[-1]:.6g}, v {first:.6g} … {self.v[-1]:.6g}"
 
     def q(self, u: Any, v: Any) -> Floats:
         """Q (..., 3) at direction cosines u, v (broadcast)."""
@@ -171,23 +228,18 @@ class PressureTable:
             raise InputError(f"table '{self.name}' is axisymmetric: gradient is not defined in u, v")
         self._look_up(u, v)
         uu, vv = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
-        out = np.empty((uu.size, 4, 2))
-        _gradient_many(self._arrays, uu.ravel(), vv.ravel(), out)
-        return out[:, :3].reshape(*uu.shape, 3, 2)
+        out = np.empty((uu.size, 3, 4))
+        lookup_slopes_many(self._arrays, uu.ravel(), vv.ravel(), out)
+        return out[:, 1:, :3].swapaxes(1, 2).reshape(*uu.shape, 3, 2)
 
     def write(self, path: str | Path) -> None:
         """Write the table as netCDF-4/HDF5, atomically."""
         data = xr.Dataset(
             {
-                "q": (("component", "u", "v"), self.q_nodes, {"units": "1", "long_name": "force × c / incident power"}),
-                "absorptance": (("u", "v"), self.absorptance_nodes, {"units": "1"}),
-                "error": (("u", "v"), self.error, {"units": "1", "long_name": "estimated absolute error of q"}),
+                name: (dims, array, {"units": "1", "long_name": text})
+                for name, (dims, array, text) in self._variables().items()
             },
-            coords={
-                "component": list(COMPONENTS),
-                "u": ("u", self.u, {"long_name": "direction cosine of incidence across the ridges"}),
-                "v": ("v", self.v, {"long_name": "direction cosine of incidence along the ridges"}),
-            },
+            coords={"component": list(COMPONENTS)} | ({} if self.q_stokes is None else {"stokes": list(STOKES)}),
             attrs={
                 "schema": SCHEMA, "mirror_v": int(self.mirror_v), "axisymmetric": int(self.axisymmetric),
                 "digest": self.digest, **{key: _encode(value) for key, value in self.attrs.items()},
@@ -196,13 +248,13 @@ class PressureTable:
         with atomic(path) as temporary:
             data.to_netcdf(temporary, engine="h5netcdf")
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """SHA-256 of the numbers and of what they belong to, to notice an edited file."""
         belongs = [self.mirror_v, self.axisymmetric, self.name, self.attrs.get("wavelength_m")]
         sums = hashlib.sha256(json.dumps(belongs).encode())
-        for array in (self.u, self.v, self.q_nodes, self.absorptance_nodes, self.error):
-            sums.update(np.ascontiguousarray(array, "<f8").tobytes())
+        for name, (_, array, _) in self._variables().items():
+            sums.update(name.encode() + np.ascontiguousarray(array, "<f8").tobytes())
         return sums.hexdigest()
 
     @classmethod
@@ -215,7 +267,7 @@ class PressureTable:
                 data.load()
         except Exception as refusal:
             raise InputError(f"{path}: not a readable HDF5 table ({_one_line(refusal)})") from None
-        for name in ("u", "v", "q", "absorptance", "error"):
+        for name in _REQUIRED:
             if name not in data.variables:
                 raise InputError(f"{path}: not a pressure table: '{name}' is missing")
         if str(data.attrs.get("schema")) != str(SCHEMA):
@@ -224,7 +276,7 @@ class PressureTable:
             table = cls._from_dataset(data)
         except InputError as refusal:
             raise InputError(f"{path}: {refusal}") from None
-        except (ValueError, TypeError) as refusal:
+        except (KeyError, ValueError, TypeError) as refusal:
             raise InputError(f"{path}: not a pressure table ({_one_line(refusal)})") from None
         if table.digest != data.attrs.get("digest"):
             raise InputError(f"{path}: it was changed after it was made (digest differs); make it again")
@@ -232,13 +284,32 @@ class PressureTable:
 
     @classmethod
     def _from_dataset(cls, data: xr.Dataset) -> PressureTable:
-        """The table in a data set; ValueError or TypeError where a number is none."""
-        u, v, q, absorptance, error = (
-            np.asarray(data[name].values, float) for name in ("u", "v", "q", "absorptance", "error")
-        )
+        """The table in a data set; KeyError, ValueError or TypeError where something is missing or no number."""
+
+        def numbers(*names: str) -> list[Floats]:
+            return [np.asarray(data[name].values, float) for name in names]
+
         attrs = {key: _decode(value) for key, value in data.attrs.items() if key not in ("schema", "digest")}
         mirror_v, axisymmetric = (bool(int(attrs.pop(name))) for name in ("mirror_v", "axisymmetric"))
-        return cls(u, v, q, absorptance, error, mirror_v, axisymmetric, attrs)
+        pair = ("q_stokes", "absorptance_stokes")
+        stokes: list[Any] = numbers(*pair) if any(name in data for name in pair) else [None, None]
+        cutoffs = None
+        if any(str(name).startswith("cutoff_") for name in data.variables):
+            order, *rest = numbers("cutoff_order", "cutoff_sign", "cutoff_index", "cutoff_shift", "cutoff_offset")
+            found = stokes[0] is not None
+            on_them: list[Any] = numbers(*(f"cutoff_{name}" for name in pair)) if found else [None, None]
+            curves = Curves(order.astype(np.int64), *rest)
+            cutoffs = Cutoffs(curves, *numbers("cutoff_q", "cutoff_absorptance"), *on_them)
+        u, v, q, absorptance, error = numbers(*_REQUIRED)
+        return cls(u, v, q, absorptance, error, mirror_v, axisymmetric, attrs, cutoffs, stokes[0], stokes[1])
+
+
+def _stack(q: Floats | None, absorptance: Floats | None) -> Floats:
+    """Quantities (4 s, ...) from q (s, 3, ...) and absorptance (s, ...): of one Stokes component after the other."""
+    assert q is not None
+    assert absorptance is not None
+    both = np.concatenate([q, absorptance[:, None]], axis=1)
+    return both.reshape(-1, *both.shape[2:])
 
 
 def _one_line(error: Exception) -> str:

@@ -29,15 +29,12 @@ Integers = NDArray[np.int64]
 class Tables(NamedTuple):
     """Pressure tables one after the other, so that compiled code is the same for any number of them.
 
-    u, v, bucket_u, bucket_v, coefficients: as in `TableArrays`, concatenated. starts (k + 1, 5): where each table
-    begins in them. axisymmetric (k,); nearest: for all of them.
+    numbers, places: as in `TableArrays`, concatenated. starts (k + 1, 2): where each table begins in them. axisymmetric
+    (k,); nearest: for all of them.
     """
 
-    u: Floats
-    v: Floats
-    bucket_u: Integers
-    bucket_v: Integers
-    coefficients: Floats
+    numbers: Floats
+    places: Integers
     starts: Integers
     axisymmetric: NDArray[np.bool_]
     nearest: bool
@@ -185,10 +182,8 @@ def _turn_over(work: LightWork, begin: int, end: int) -> None:
 def table(tables: Tables, k: int) -> TableArrays:
     """Table k of the concatenation."""
     a, b = tables.starts[k], tables.starts[k + 1]
-    u, v = tables.u[a[0] : b[0]], tables.v[a[1] : b[1]]
     return TableArrays(
-        u, v, tables.bucket_u[a[2] : b[2]], tables.bucket_v[a[3] : b[3]],
-        tables.coefficients[a[4] : b[4]].reshape((u.size, v.size, 16)), tables.axisymmetric[k], tables.nearest,
+        tables.numbers[a[0] : b[0]], tables.places[a[1] : b[1]], tables.axisymmetric[k], tables.nearest,
     )
 
 

@@ -142,7 +142,7 @@ def test_what_is_off_has_no_arrays(tmp_path: Path):
     sizes = {name: array.size for name, array in leaves(flight.work)}
     assert all(size <= 3 for name, size in sizes.items() if name.startswith(("light.", "heat.", "stage.")))
     assert flight.model.springs.stretch.size == flight.model.springs.expansion.size == 0
-    assert flight.model.light.tables.coefficients.size == flight.state.temperature.size == 0
+    assert flight.model.light.tables.numbers.size == flight.state.temperature.size == 0
 
 
 # Repetition

@@ -16,7 +16,7 @@ def test_refine_meets_the_tolerance_at_a_resonance():
     found = refine(lambda u: _resonance(u)[:, None], np.linspace(-0.2, 0.2, 9), 1e-4, 1e-6)
     from scipy.interpolate import CubicHermiteSpline
 
-    from optics.table import slope_matrix
+    from optics.patches import slope_matrix
 
     values = _resonance(found.nodes)
     spline = CubicHermiteSpline(found.nodes, values, slope_matrix(found.nodes) @ values)

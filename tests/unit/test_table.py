@@ -6,7 +6,8 @@ import pytest
 import xarray as xr
 
 from optics.files import InputError
-from optics.table import OutsideTable, PressureTable, slope_matrix
+from optics.patches import slope_matrix
+from optics.table import OutsideTable, PressureTable
 
 
 def _smooth(u, v):

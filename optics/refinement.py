@@ -1,0 +1,233 @@
+"""Directions for a grating's table: rows, lines and cut-offs, refined until the table's own interpolation is good.
+
+Every test compares the table, as it would be read, with the solver between its nodes: halfway between rows on some of
+the lines, halfway between lines on some of the rows, and beside the cut-offs. What is not good enough is halved. The
+errors found go into the table's error estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from optics.files import progress
+from optics.interpolation import TableArrays, lookup_many, pack
+from optics.patches import Values, make_patches
+from optics.strips import Curves, Floats, lay_out
+
+# k quantities (k, n_u, n_v) at directions u (n_u) × v (n_v).
+Solve = Callable[[Floats, Floats], Floats]
+
+# Narrower intervals are not halved: in u, in v, and in √|u − u_c| beside cut-offs.
+_SMALLEST_U, _SMALLEST_V, _SMALLEST_ROOT = 2.5e-4, 2e-3, 4e-3
+_MOST_ROWS, _MOST_LINES, _ROUNDS = 600, 160, 10
+_TEST_LINES, _TEST_ROWS, _TEST_BESIDE = 9, 32, 5
+_FIRST_BESIDE = 0.03
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What the solver found: `nodes` (k, n_u, n_v) on rows u × lines v, `on_curves` (k, n_curves, n_v), and parity (k).
+
+    `on_curves` is NaN where a curve is outside the window.
+    """
+
+    solve: Solve
+    parity: Floats
+    u: Floats
+    v: Floats
+    curves: Curves
+    nodes: Floats
+    on_curves: Floats
+
+    @property
+    def arrays(self) -> TableArrays:
+        """The table that the samples make."""
+        layout = lay_out(self.curves, self.u[0], self.u[-1], self.v)
+        values = Values(self.u, self.v, self.nodes, self.on_curves, self.parity)
+        return pack(layout, values, make_patches(layout, values), False, False)
+
+    def with_rows(self, u: Floats) -> Samples:
+        """More rows."""
+        order = np.argsort(every := np.concatenate([self.u, u]))
+        nodes = np.concatenate([self.nodes, self.solve(u, self.v)], axis=1)[:, order]
+        return replace(self, u=every[order], nodes=nodes)
+
+    def with_lines(self, v: Floats) -> Samples:
+        """More lines."""
+        order = np.argsort(every := np.concatenate([self.v, v]))
+        nodes = np.concatenate([self.nodes, self.solve(self.u, v)], axis=2)[..., order]
+        more = on_curves(self.solve, self.curves, v, self.u[0], self.u[-1], self.parity.size)
+        on_them = np.concatenate([self.on_curves, more], axis=2)[..., order]
+        return replace(self, v=every[order], nodes=nodes, on_curves=on_them)
+
+    def with_curves(self, curves: Curves) -> Samples:
+        """More lines of nodes beside cut-offs."""
+        more = on_curves(self.solve, curves, self.v, self.u[0], self.u[-1], self.parity.size)
+        together = Curves(*(np.concatenate(pair) for pair in zip(
+            vars(self.curves).values(), vars(curves).values(), strict=True,
+        )))
+        return replace(self, curves=together, on_curves=np.concatenate([self.on_curves, more], axis=1))
+
+
+def solve_each(solve: Solve, u: Floats, v: Floats, k: int) -> Floats:
+    """Quantities (k, n) at single directions u, v (n)."""
+    found = [solve(u[i : i + 1], v[i : i + 1])[:, 0, 0] for i in range(u.size)]
+    return np.array(found).reshape(-1, k).T
+
+
+def on_curves(solve: Solve, curves: Curves, v: Floats, u_min: float, u_max: float, k: int) -> Floats:
+    """Quantities (k, n_curves, n_v) on curves at v (n_v); NaN outside the window."""
+    out = np.full((k, len(curves), v.size), np.nan)
+    where = np.nonzero(curves.inside(v, u_min, u_max))
+    out[:, where[0], where[1]] = solve_each(solve, np.clip(curves.u(v), u_min, u_max)[where], v[where[1]], k)
+    return out
+
+
+def first_lines(at: Floats, count: int) -> Floats:
+    """About `count` lines over the `breaks` at, even in v² but denser beside those where cut-offs meet."""
+    lines = [at]
+    for low, high in pairwise(at):
+        x = np.linspace(0.0, 1.0, 1 + max(2, int(np.ceil(count * (high**2 - low**2) / at[-1] ** 2))))
+        left, right = (x if low > 0.0 else 0.0 * x + 1.0), (1.0 - x if high < at[-1] else 0.0 * x + 1.0)
+        if low > 0.0 and high < at[-1]:
+            x = left**2 / (left**2 + right**2)
+        elif low > 0.0:
+            x = left**2
+        elif high < at[-1]:
+            x = 1.0 - right**2
+        lines.append(np.sqrt(low**2 + (high**2 - low**2) * x[1:-1]))
+    return np.unique(np.concatenate(lines))
+
+
+def _error(samples: Samples, arrays: TableArrays, u: Floats, v: Floats) -> Floats:
+    """Largest error of the table (n_u, n_v) at directions u × v."""
+    out = np.empty((u.size * v.size, samples.parity.size))
+    lookup_many(arrays, np.repeat(u, v.size), np.tile(v, u.size), out)
+    return np.abs(samples.solve(u, v).reshape(out.shape[1], -1).T - out).max(axis=1).reshape(u.size, v.size)
+
+
+def _some(nodes: Floats, count: int) -> Floats:
+    """About `count` of the nodes, first and last among them."""
+    return nodes[np.unique(np.linspace(0, nodes.size - 1, count).round().astype(int))]
+
+
+class _Found:
+    """Errors already found halfway between neighbours on one axis, for each of the test places on the other."""
+
+    def __init__(self) -> None:
+        self._errors: dict[tuple[float, float], Floats] = {}
+
+    def unknown(self, nodes: Floats) -> Floats:
+        """Midpoints of the intervals that have not been tested."""
+        return np.array([(a + b) / 2 for a, b in pairwise(nodes.tolist()) if (a, b) not in self._errors])
+
+    def note(self, nodes: Floats, errors: Floats) -> None:
+        """Errors (n_unknown, n_tests) at the midpoints that were unknown."""
+        rest = iter(errors)
+        for pair in pairwise(nodes.tolist()):
+            if pair not in self._errors:
+                self._errors[pair] = next(rest)
+
+    def all(self, nodes: Floats) -> Floats:
+        """Errors (n − 1, n_tests) of all intervals."""
+        return np.array([self._errors[pair] for pair in pairwise(nodes.tolist())])
+
+
+def _split(nodes: Floats, errors: Floats, tolerance: float, smallest: float, most: int) -> Floats:
+    """Midpoints of the intervals with too large an error."""
+    bad = (errors.max(axis=1) > tolerance) & (np.diff(nodes) > smallest)
+    return ((nodes[1:] + nodes[:-1]) / 2)[bad][: max(0, most - nodes.size)]
+
+
+def _beside(curves: Curves, c: int, side: float, reach: float) -> Floats:
+    """Roots √|offset| of nodes beside cut-off c on one side, from 0 to `reach`, where the rows take over."""
+    same = (curves.order == curves.order[c]) & (curves.sign == curves.sign[c]) & (curves.index == curves.index[c])
+    offsets = curves.offset[same] * side
+    return np.unique([0.0, reach, *np.sqrt(offsets[offsets > 0])])
+
+
+def _test_beside(
+    samples: Samples, arrays: TableArrays, v: Floats, reach: float, found: dict[tuple[int, float, float], float]
+) -> list[tuple[int, float, float, float]]:
+    """Cut-off, side, root and interval in the root of new places tested beside cut-offs; errors go to `found`."""
+    tested = []
+    for c in np.flatnonzero(samples.curves.offset == 0.0):
+        for side in (-1.0, 1.0):
+            roots = _beside(samples.curves, int(c), side, reach)
+            for t, step in zip((roots[1:] + roots[:-1]) / 2, np.diff(roots), strict=True):
+                if (int(c), side, t) in found:
+                    continue
+                u = samples.curves.take([int(c)]).u(v)[0] + side * t * t
+                held = (u > samples.u[0]) & (u < samples.u[-1])
+                exact = solve_each(samples.solve, u[held], v[held], samples.parity.size).T
+                guess = np.empty(exact.shape)
+                lookup_many(arrays, u[held], v[held], guess)
+                found[int(c), side, t] = float(np.abs(exact - guess).max(initial=0.0))
+                tested.append((int(c), side, float(t), float(step)))
+    return tested
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Samples whose table is good, and the interpolation error (n_u, n_v) found around each of its nodes."""
+
+    samples: Samples
+    error: Floats
+
+
+def start(solve: Solve, curves: Curves, u: Floats, v: Floats, parity: Floats) -> Samples:
+    """Samples on rows u, lines v and curves, with one more line of nodes on both sides of each curve."""
+    both = [curves.beside(np.full(len(curves), side * _FIRST_BESIDE**2)) for side in (-1.0, 1.0)]
+    empty = np.empty((parity.size, 0, v.size))
+    samples = Samples(solve, parity, u, v, curves.take([]), solve(u, v), empty)
+    for more in (curves, *both):
+        samples = samples.with_curves(more)
+    return samples
+
+
+def refine(samples: Samples, tolerance: float, name: str = "table") -> Refined:
+    """Refine rows and the surroundings of cut-offs on the lines there are, then lines."""
+    rows, lines = _Found(), _Found()
+    beside: dict[tuple[int, float, float], float] = {}
+    test_v, near_v = _some(samples.v, _TEST_LINES), _some(samples.v, _TEST_BESIDE)
+    reach = float(np.sqrt(np.diff(samples.u).max()))
+    for _ in progress(range(_ROUNDS), f"{name}: rows", unit="round"):
+        arrays = samples.arrays
+        rows.note(samples.u, _error(samples, arrays, rows.unknown(samples.u), test_v))
+        tested = _test_beside(samples, arrays, near_v, reach, beside)
+        more = _split(samples.u, rows.all(samples.u), tolerance, _SMALLEST_U, _MOST_ROWS)
+        close = [
+            (c, side * t * t) for c, side, t, step in tested
+            if beside[c, side, t] > tolerance and step > _SMALLEST_ROOT
+        ]
+        if close:
+            which, offset = zip(*close, strict=True)
+            samples = samples.with_curves(samples.curves.take(list(which)).beside(np.array(offset)))
+        if more.size:
+            samples = samples.with_rows(more)
+        if not (close or more.size):
+            break
+    test_u = _some(samples.u, _TEST_ROWS)
+    for _ in progress(range(_ROUNDS), f"{name}: lines", unit="round"):
+        lines.note(samples.v, _error(samples, samples.arrays, test_u, lines.unknown(samples.v)).T)
+        more = _split(samples.v, lines.all(samples.v), tolerance, _SMALLEST_V, _MOST_LINES)
+        if not more.size:
+            break
+        samples = samples.with_lines(more)
+    along_u = _spread(rows.all(samples.u)[:, _closest(test_v, samples.v)])
+    along_v = _spread(lines.all(samples.v)[:, _closest(test_u, samples.u)]).T
+    return Refined(samples, along_u + along_v)
+
+
+def _closest(places: Floats, at: Floats) -> Floats:
+    return np.abs(places[:, None] - at).argmin(axis=0)
+
+
+def _spread(errors: Floats) -> Floats:
+    """Errors (n, m) at nodes from those of the intervals (n − 1, m) between them."""
+    none = np.zeros((1, errors.shape[1]))
+    return np.maximum(np.concatenate([errors, none]), np.concatenate([none, errors]))
