@@ -1,0 +1,94 @@
+"""Tables of gratings: right between their directions, continuous across the cut-offs, smooth elsewhere."""
+
+import numpy as np
+import pytest
+
+from optics.modal import make_table, solve
+from optics.strips import breaks
+from optics.table import PressureTable
+
+TOLERANCE = 3e-3
+WINDOW = 0.36  # holds both cut-offs of the TE cell, their crossing at v = 0.0707 and where they leave the window
+
+
+@pytest.fixture(scope="module", params=["te", "tm"])
+def made(request):
+    """A table that is quick to make, and its cell."""
+    cell = request.getfixturevalue(request.param)
+    return make_table(cell, WINDOW, 0.3, TOLERANCE), cell
+
+
+def directions(table: PressureTable, rows: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(4)
+    return rng.uniform(-table.u[-1], table.u[-1], (rows, 1)), rng.uniform(0.0, table.v[-1], (rows, lines))
+
+
+def test_interpolation_meets_the_tolerance_at_random_directions(made):
+    table, cell = made
+    u, v = directions(table, 40, 20)
+    order = table.attrs["settings"]["orders"]
+    exact = np.array([solve(cell, a, b, order).q[0] for a, b in zip(u, v, strict=True)])
+    error = np.abs(table.q(u, v) - exact).max(axis=-1)
+    assert np.mean(error > 3 * TOLERANCE) <= 1e-3
+    assert np.quantile(error, 0.95) <= TOLERANCE
+
+
+def test_values_beside_a_cutoff_are_the_solver_s(made):
+    """Within 1e-3 of a cut-off q changes by 0.05 and more; the table follows it."""
+    table, cell = made
+    order, curves = table.attrs["settings"]["orders"], table.cutoffs.curves
+    v = np.array([0.031, 0.123, 0.251])
+    u = curves.take(curves.offset == 0.0).u(v)
+    for side in (-4e-4, -1e-5, 1e-5, 4e-4):
+        for near, b in zip((u + side).T, v, strict=True):
+            near = near[np.abs(near) < WINDOW]
+            exact = solve(cell, near, np.array([b]), order).q[:, 0]
+            assert np.abs(table.q(near, b) - exact).max() < 2 * TOLERANCE
+
+
+def test_q_is_continuous_across_cutoffs_and_where_the_range_of_v_is_split(made):
+    table, _ = made
+    curves = table.cutoffs.curves
+    cuts = curves.take(curves.offset == 0.0)
+    v = np.random.default_rng(1).uniform(0.0, table.v[-1], 300)
+    for u in cuts.u(v):
+        held = np.abs(u) < table.u[-1] - 1e-9
+        step = table.q(u[held] + 1e-15, v[held]) - table.q(u[held] - 1e-15, v[held])
+        assert np.abs(step).max() < 1e-6
+    u = np.random.default_rng(2).uniform(-table.u[-1], table.u[-1], 300)
+    for split in breaks(cuts, table.u[0], table.u[-1], table.v[-1])[1:-1]:
+        assert np.abs(table.q(u, split + 1e-13) - table.q(u, split - 1e-13)).max() < 1e-6
+
+
+def test_the_gradient_is_that_of_the_values_and_continuous_off_the_cutoffs(made):
+    table, _ = made
+    u, v = (np.ravel(x) for x in np.broadcast_arrays(*directions(table, 30, 10)))
+    curves = table.cutoffs.curves
+    far = np.abs(curves.take(curves.offset == 0.0).u(v) - u).min(axis=0) > 0.01
+    u, v, h = np.clip(u[far], -0.355, 0.355), np.clip(v[far], 1e-3, 0.295), 1e-6
+    gradient = table.gradient(u, v)
+    assert np.allclose(gradient[..., 0], (table.q(u + h, v) - table.q(u - h, v)) / (2 * h), atol=1e-4)
+    assert np.allclose(gradient[..., 1], (table.q(u, v + h) - table.q(u, v - h)) / (2 * h), atol=1e-4)
+    for line in table.v[1:-1]:
+        if np.abs(breaks(curves, table.u[0], table.u[-1], table.v[-1]) - line).min() > 1e-9:
+            above, below = table.gradient(u, line + 1e-12), table.gradient(u, line - 1e-12)
+            near = np.abs(curves.take(curves.offset == 0.0).u(np.array([line])) - u).min(axis=0) < 1e-3
+            assert np.abs(above - below)[~near].max() < 1e-6
+
+
+def test_v_and_minus_v_mirror_also_in_the_gradient(made):
+    table, _ = made
+    u, v = directions(table, 30, 10)
+    assert np.array_equal(table.q(u, v) * [1, -1, 1], table.q(u, -v))
+    mirrored = table.gradient(u, -v) * np.array([[1, -1], [-1, 1], [1, -1]])
+    assert np.array_equal(table.gradient(u, v), mirrored)
+    assert not np.any(table.gradient(u, 0.0)[..., [0, 2], 1])
+
+
+def test_round_trip_with_cutoffs(made, tmp_path):
+    table, _ = made
+    table.write(tmp_path / "t.h5")
+    back = PressureTable.read(tmp_path / "t.h5")
+    u, v = directions(table, 20, 5)
+    assert np.array_equal(back.q(u, v), table.q(u, v))
+    assert (tmp_path / "t.h5").stat().st_size < 20e6
