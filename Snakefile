@@ -14,6 +14,8 @@ include: "workflow/rules/stability.smk"
 include: "workflow/rules/flight.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/accuracy.smk"
+include: "workflow/rules/basins.smk"
+include: "workflow/rules/accuracy_rigid.smk"
 
 
 rule all:

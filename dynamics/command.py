@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from typing import Any
 
 from optics.files import check_out
 
@@ -11,11 +12,12 @@ TABLES = "pressure table of each design of the scene"
 
 
 def stage_arguments(
-    module: str, description: str | None, out: str, tables: bool = True, options: Mapping[str, str] | None = None
+    module: str, description: str | None, out: str, tables: bool = True, options: Mapping[str, Any] | None = None
 ) -> argparse.Namespace:
     """Parsed --scene, --out and, where the stage takes them, --tables of `python -m module`.
 
-    `out` says what is written; `options` names further arguments, each with its help. InputError where --out could not
+    `out` says what is written; `options` names further arguments, each with its help or
+    with all that `add_argument` takes. InputError where --out could not
     be written.
     """
     parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
@@ -24,7 +26,7 @@ def stage_arguments(
         parser.add_argument("--tables", nargs="*", default=[], help=TABLES)
     parser.add_argument("--out", required=True, help=out)
     for name, text in (options or {}).items():
-        parser.add_argument(name, help=text)
+        parser.add_argument(name, **({"help": text} if isinstance(text, str) else text))
     arguments = parser.parse_args()
     check_out(arguments.out)
     return arguments

@@ -118,7 +118,7 @@ def fly(
     state = body.start(scene.release)
     if start is not None:
         state[: kernel.MOTION] = np.asarray(start, float) / body.units.state[: kernel.MOTION]
-    terms = _terms(scene, body.units)
+    terms = terms_of(scene, body.units)
     work = kernel.start(state, terms.rows.size)
     _integrate(body, terms, work, scene.name)
     times, states = _rows(terms, work)
@@ -132,7 +132,7 @@ def fly(
     )
 
 
-def _terms(scene: scenes.Scene, units: Units) -> kernel.Terms:
+def terms_of(scene: scenes.Scene, units: Units) -> kernel.Terms:
     """What governs the flight, in normalised units; rows at the scene's output rate, without the end."""
     duration = scene.rigid.duration_s / units.time
     stops = {min(knot / units.time, duration) for knot in knots(scene.beam)} | {duration}

@@ -47,6 +47,8 @@ class Config(Strict):
     maps: list[Name]
     rigid: list[Name]
     flight: list[Name]
+    basins: list[Name]
+    basin_parts: Annotated[int, Field(ge=1, le=1000)]
 
 
 def meep_installed() -> bool:

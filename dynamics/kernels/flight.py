@@ -54,7 +54,8 @@ class Work(NamedTuple):
 
     clock: time, size of the next step, time before the last step and its size. y, y_old (17,): states there; slope
     (16, 17): of the stages, slope[0] that at `y_old`. dense (7, 17): interpolant of the last step. counts: reason to
-    end, steps, …, row and stop that come next, component that was not finite. states (n, 17): at the rows.
+    end, steps, …, row and stop that come next, component that was not finite. extremes (2,): largest distance from the
+    axis and tilt of the normal against it, in rad, at the steps so far. states (n, 17): at the rows.
     """
 
     clock: Floats
@@ -64,6 +65,7 @@ class Work(NamedTuple):
     dense: Floats
     trial: Floats
     counts: NDArray[np.int64]
+    extremes: Floats
     states: Floats
 
 
@@ -73,7 +75,7 @@ def start(state: Floats, rows: int) -> Work:
     count[FRESH], count[BAD] = 1, -1
     return Work(
         np.zeros(4), state.copy(), state.copy(), np.zeros((16, STATE)), np.zeros((7, STATE)), np.zeros(STATE), count,
-        np.full((rows, STATE), np.nan),
+        np.zeros(2), np.full((rows, STATE), np.nan),
     )
 
 
@@ -83,6 +85,7 @@ def fly(sail: RigidSail, tables: Tables, light: Light, terms: Terms, work: Work,
     last = work.counts[STEPS] + portion
     while work.counts[REASON] == FLYING and work.counts[STEPS] < last:
         if work.counts[FRESH]:
+            _widen(work.y, work.extremes)
             _begin(sail, tables, light, terms, work)
         if work.counts[REASON] == FLYING:
             flag = _advance(sail, tables, light, terms, work)
@@ -223,6 +226,7 @@ def _end_step(sail: RigidSail, tables: Tables, light: Light, terms: Terms, work:
     clock, count = work.clock, work.counts
     if _reason(terms, work.y, flag) != FLYING:
         _search(sail, tables, light, terms, work)
+    _widen(work.y, work.extremes)
     while count[ROW] < terms.rows.size and terms.rows[count[ROW]] <= clock[T]:
         _interpolate(sail, tables, light, work, terms.rows[count[ROW]], work.states[count[ROW]])
         count[ROW] += 1
@@ -235,6 +239,15 @@ def _end_step(sail: RigidSail, tables: Tables, light: Light, terms: Terms, work:
             count[REASON] = FINISHED
     elif count[STEPS] >= terms.most_steps:
         count[REASON] = TOO_MANY_STEPS
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _widen(y: Floats, extremes: Floats) -> None:
+    """Largest distance and tilt so far; the normal is the third column of the rotation (Goldstein, §4.5)."""
+    extremes[0] = max(extremes[0], math.hypot(y[0], y[1]))
+    across = 2.0 * math.hypot(y[7] * y[9] + y[6] * y[8], y[8] * y[9] - y[6] * y[7])
+    along = y[6] * y[6] - y[7] * y[7] - y[8] * y[8] + y[9] * y[9]
+    extremes[1] = max(extremes[1], math.atan2(across, along))
 
 
 @numba.njit(cache=True, error_model="numpy")

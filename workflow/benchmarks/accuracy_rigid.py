@@ -1,0 +1,136 @@
+"""Error against time of rigid flights: integration tolerance, quadrature and tables, one knob turned at a time.
+
+    python workflow/benchmarks/accuracy_rigid.py --scene workflow/scenes/fig6.yaml --tables "modal 1e-3=te.h5,tm.h5" \
+        "modal 1e-2=te2.h5,tm2.h5" --out accuracy_rigid.csv --png accuracy_rigid.png
+
+The error of a trajectory is the distance, at 1 s, across the beam from the best flight: tolerance 1e-13,
+quadrature 1e-13, first of the tables. That of the multipliers is the largest distance to those of the first tables;
+they come from closed integrals and need neither tolerance nor quadrature. Seconds are of one core, without compilation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+
+from dynamics import floquet, rigid
+from dynamics.sail import load_tables
+from dynamics.scene import Scene, read_scene
+from optics.files import InputError, atomic, run_stage
+from optics.table import PressureTable
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+
+Tables = dict[str, PressureTable]
+
+TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
+QUADRATURES = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-11)
+BEST = 1e-13
+REPEATS = 3
+
+
+class Row(NamedTuple):
+    """One measurement; an error that the knob cannot have is NaN."""
+
+    knob: str
+    setting: str
+    error_multiplier: float
+    error_trajectory_1s: float
+    seconds: float
+
+
+def _flown(scene: Scene, tables: Tables, tolerance: float, quadrature: float) -> tuple[np.ndarray, float]:
+    """(x, y) at 1 s, and CPU seconds, the best of several flights."""
+    settings = scene.rigid.model_copy(update={"duration_s": 1.0, "tolerance": tolerance})
+    case = scene.model_copy(update={"rigid": settings})
+    best = math.inf
+    for _ in range(REPEATS):
+        begin = time.process_time()
+        flight = rigid.fly(case, tables, quadrature=quadrature)
+        best = min(best, time.process_time() - begin)
+    if flight.end_reason != "finished":
+        return np.full(2, math.nan), best
+    return flight.position[-1, :2], best
+
+
+def rows(scene: Scene, sets: dict[str, Tables]) -> Iterator[Row]:
+    """Every knob at every setting."""
+    first = next(iter(sets.values()))
+    best, _ = _flown(scene, first, BEST, BEST)
+    for knob, settings in (("tolerance", TOLERANCES), ("quadrature", QUADRATURES)):
+        for value in settings:
+            chosen = (value, BEST) if knob == "tolerance" else (1e-11, value)
+            place, seconds = _flown(scene, first, *chosen)
+            yield Row(knob, f"{value:g}", math.nan, math.dist(place, best), seconds)
+    multipliers = floquet.analyse(scene, first).multipliers
+    for name, tables in sets.items():
+        place, seconds = _flown(scene, tables, 1e-11, BEST)
+        error = floquet.distance(floquet.analyse(scene, tables).multipliers, multipliers)
+        yield Row("tables", name, error, math.dist(place, best), seconds)
+
+
+def write(path: Path, found: list[Row]) -> None:
+    """Write rows as CSV, atomically; what has no value stays empty."""
+    with atomic(path) as temporary, Path(temporary).open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(Row._fields)
+        for row in found:
+            numbers = ("" if math.isnan(x) else f"{x:.4e}" for x in row[2:])
+            table.writerow([*row[:2], *numbers])
+
+
+def draw(path: Path, found: list[Row], title: str) -> None:
+    """Error against time for tolerance and quadrature, errors of the tables as bars."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.5), constrained_layout=True)
+    for knob, mark in (("tolerance", "o-"), ("quadrature", "s-")):
+        chosen = [row for row in found if row.knob == knob and row.error_trajectory_1s > 0]
+        left.loglog([row.seconds for row in chosen], [row.error_trajectory_1s for row in chosen], mark, label=knob)
+        for row in chosen:
+            left.annotate(row.setting, (row.seconds, row.error_trajectory_1s), fontsize=6)
+    left.set(xlabel="CPU time of 1 s of flight (s)", ylabel="error across the beam at 1 s (m)", title=title)
+    left.legend()
+    tables = [row for row in found if row.knob == "tables"][1:]
+    at = np.arange(len(tables))
+    right.bar(at - 0.2, [row.error_trajectory_1s for row in tables], 0.4, label="path at 1 s (m)")
+    right.bar(at + 0.2, [row.error_multiplier for row in tables], 0.4, label="multipliers")
+    right.set_xticks(at, [row.setting for row in tables], rotation=20)
+    right.set(yscale="log", title="difference from the first tables")
+    right.legend()
+    with atomic(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=150)
+    plt.close(figure)
+
+
+def _set(text: str, scene: Scene) -> tuple[str, Tables]:
+    """'NAME=FILE,FILE' as (name, tables)."""
+    name, separator, files = text.partition("=")
+    if not separator:
+        raise InputError(f"--tables {text}: must be NAME=FILE,FILE…")
+    return name, load_tables(files.split(","), scene)
+
+
+def main() -> None:
+    """Measure, write and draw."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scene", required=True, type=Path)
+    parser.add_argument("--tables", required=True, nargs="+", help="NAME=FILE,FILE… of each source, the best first")
+    parser.add_argument("--out", required=True, type=Path, help="CSV to write")
+    parser.add_argument("--png", required=True, type=Path, help="figure to write")
+    arguments = parser.parse_args()
+    scene = read_scene(arguments.scene)
+    found = list(rows(scene, dict(_set(text, scene) for text in arguments.tables)))
+    write(arguments.out, found)
+    draw(arguments.png, found, scene.name)
+
+
+if __name__ == "__main__":
+    run_stage(main)
