@@ -30,19 +30,24 @@ _PLAIN = {
     "temperature_min": (1, "K"), "temperature_mean": (1, "K"), "strain_max": (1, "1"), "strain_min": (1, "1"),
     "energy_kinetic": (1, "J"), "energy_elastic": (1, "J"), "power_incident": (1, "W"), "power_absorbed": (1, "W"),
     "power_radiated": (1, "W"), "force": (3, "N"), "torque": (3, "N m"), "impulse": (3, "N s"),
-    "outside_table": (1, "1"), "power_reflected": (1, "W"),
+    "outside_table": (1, "1"), "power_reflected": (1, "W"), "failed_tensile": (1, "1"),
+    "failed_thermal": (1, "1"),
 }
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A snapshot: time in s, points and velocity (n, 3), node temperature (n,) in K, strain (t,) of each triangle."""
+    """A snapshot: time in s, points and velocity (n, 3), node temperature (n,) in K, strain (t,) of each triangle.
+
+    failed (t,): 1 for failed triangles; None where the first failure ends the flight.
+    """
 
     time: float
     points: Floats
     velocity: Floats
     temperature: Floats
     strain: Floats
+    failed: Floats | None = None
 
 
 def attitude(fit: Floats) -> Floats:
@@ -120,6 +125,8 @@ class _Grid:
         corners = frame.temperature[self._mesh.triangles].mean(axis=1)
         self.append("CellData/temperature", corners.astype(np.float32))
         self.append("CellData/strain", frame.strain.astype(np.float32))
+        if frame.failed is not None:
+            self.append("CellData/failed", frame.failed.astype(np.uint8))
 
     def steps(self, times: list[float]) -> None:
         """Group Steps: where each time finds its numbers. Cells and the sector are those of every step."""
@@ -132,7 +139,7 @@ class _Grid:
         steps["CellOffsets"], steps["ConnectivityIdOffsets"] = none[:, None], none[:, None]
         for name in ("velocity", "temperature"):
             steps[f"PointDataOffsets/{name}"] = n * place
-        for name in ("temperature", "strain"):
+        for name in ("temperature", "strain", *(["failed"] if "CellData/failed" in self._group else [])):
             steps[f"CellDataOffsets/{name}"] = t * place
         steps["CellDataOffsets/sector"] = none
 

@@ -24,7 +24,7 @@ from dynamics.attitude import rotation_from_angles
 from dynamics.command import stage_arguments
 from dynamics.flight import Frame, series, write_flight
 from dynamics.journal import Journal, leaves, numbers_digest
-from dynamics.kernels import failure, record, sheet
+from dynamics.kernels import failure, record, sheet, tearing
 from dynamics.kernels.elastic import REFERENCE_TEMPERATURE
 from dynamics.kernels.step import State, Work, run
 from dynamics.lattice import Floats
@@ -44,6 +44,7 @@ SCHEMA = 1
 REASONS = {
     failure.INTACT: "finished", failure.TENSILE: "tensile_failure", failure.THERMAL: "thermal_failure",
     failure.LEFT_TABLE: "left_table", failure.FLY_AWAY: "fly_away", failure.NON_FINITE: "non_finite",
+    failure.BROKEN: "broken",
 }
 
 
@@ -65,11 +66,11 @@ class Flight:
         self.membrane: Membrane = build(scene, tables)
         self.model = self.membrane.model
         self.state: State = initial_state(self.membrane)
-        self.work: Work = work_space(self.model)
+        self.work: Work = work_space(self.model, scene.flight.on_failure)
         self.step, self.fresh = 0, True
         self._wall, self._watch, self._saved = 0.0, Stopwatch(), Stopwatch()
         n = self.model.masses.size
-        self.journal = Journal(folder, record.WIDTH, 1 + 7 * n)
+        self.journal = Journal(folder, record.WIDTH, 1 + 7 * n + self.work.broken.failed.size)
         self._rows = np.empty((CHUNK // self.model.series_every + 3, record.WIDTH))
         self._frame_steps = max(1, round(scene.flight.snapshot_every_s / self.model.dt))
         # The numbers that fly, too: they change with any edit of a material, the lattice or the mesh
@@ -144,7 +145,8 @@ class Flight:
         if not self.model.warm:
             temperature = np.full(self.model.masses.size, self.membrane.scene.flight.start_temperature_K)
         time = (self.step - self.model.release) * self.model.dt
-        self.journal.add_frame(np.array([time]), self.state.x.T, self.state.v.T, temperature)
+        failed = self.work.broken.failed.astype(float)
+        self.journal.add_frame(np.array([time]), self.state.x.T, self.state.v.T, temperature, failed)
 
     def _fail(self, code: int, kept: list[Any], start: int, fresh: bool) -> End:
         """The end, with the state at which it came as last frame; for a non-finite one the last good state instead."""
@@ -173,7 +175,7 @@ class Flight:
     def _place(self, code: int, node: int) -> tuple[Floats, str]:
         """Where the reason of the end was found, and in words."""
         x, found, mesh = self.state.x.T, int(self.work.flags[1]), self.membrane.mesh
-        if code in (failure.INTACT, failure.FLY_AWAY):
+        if code in (failure.INTACT, failure.FLY_AWAY, failure.BROKEN):
             return self.model.masses @ x / self.model.masses.sum(), "centre of mass"
         if code == failure.NON_FINITE:
             return x[node], f"node {node}"
@@ -189,10 +191,11 @@ class Flight:
         """The frames of the journal."""
         n = self.model.masses.size
         for numbers in self.journal.frames:
-            points, velocity, temperature = np.split(numbers[1:], [3 * n, 6 * n])
+            points, velocity, temperature, failed = np.split(numbers[1:], [3 * n, 6 * n, 7 * n])
             points = points.reshape(n, 3)
             strain = strains(self.membrane, points, temperature)
-            yield Frame(float(numbers[0]), points, velocity.reshape(n, 3), temperature, strain)
+            flags = failed if failed.size else None
+            yield Frame(float(numbers[0]), points, velocity.reshape(n, 3), temperature, strain, flags)
 
     def columns(self) -> dict[str, tuple[Floats, str]]:
         """Columns and units of the series."""
@@ -245,6 +248,16 @@ def check_tilt(scene: Scene) -> None:
         check_shadow(sail_mesh(scene.sail), tilt, f"{scene.name}.yaml: release.pitch_deg, roll_deg")
 
 
+def first_failure(flight: Flight) -> dict[str, Any]:
+    """When, where and how the first triangle failed of a flight that goes on after it; nothing if none did."""
+    broken = flight.work.broken
+    if broken.tally[tearing.BY_STRESS] + broken.tally[tearing.BY_HEAT] == 0:
+        return {}
+    kind = "tensile_failure" if broken.tally[tearing.KIND] == tearing.BY_STRESS else "thermal_failure"
+    place = {"first_failure_time": float(broken.first[0]), "first_failure_position": broken.first[1:].copy()}
+    return {"first_failure": kind, "first_failure_triangle": int(broken.tally[tearing.FIRST]), **place}
+
+
 def attributes(flight: Flight, end: End, tables: dict[str, PressureTable]) -> dict[str, Any]:
     """What /series says about the whole flight."""
     model, scene = flight.model, flight.membrane.scene
@@ -254,6 +267,7 @@ def attributes(flight: Flight, end: End, tables: dict[str, PressureTable]) -> di
         "scene": scene.model_dump_json(), "tables": json.dumps(provenance(tables)),
         "effects": json.dumps({name: effect.on for name, effect in flight.membrane.effects.items()}),
         "wall_seconds": flight.wall_seconds, "outside_table": int(flight.work.light.outside[0]),
+        **first_failure(flight),
     }
 
 

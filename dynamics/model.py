@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.kernels import elastic, optical, reflections, sheet, spin, step, thermal, tree, triangles
+from dynamics.kernels import elastic, optical, reflections, sheet, spin, step, tearing, thermal, tree, triangles
 from dynamics.lattice import (
     STABILITY,
     Floats,
@@ -245,6 +245,7 @@ def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
         spin_up=spin_up, integrator=INTEGRATORS[scene.flight.integrator], dt=dt, release=release,
         end=release + math.ceil(scene.flight.duration_s / dt - 1e-9), optics_every=scene.flight.optics_every,
         series_every=scene.flight.series_every, fly_away=scene.flight.fly_away_m,
+        most_broken=math.floor(scene.flight.broken_fraction * len(mesh.triangles)),
     )
     return Membrane(scene, effects, mesh, lat, model)
 
@@ -275,27 +276,37 @@ def _mirror_work(mirror: reflections.Mirror) -> reflections.MirrorWork:
     t, leaves = mirror.kind.size, mirror.tree.bounds.size - 1
     return reflections.MirrorWork(
         boxes=np.zeros((2 * leaves - 1 if t else 0, 6)), force=np.zeros((3, t)), heat=np.zeros(t),
-        stack=np.zeros(64 if t else 0, np.int64), account=np.zeros(8),
+        stack=np.zeros(64 if t else 0, np.int64), ray=np.zeros((3, 3)), account=np.zeros(8),
     )
 
 
-def work_space(model: step.Model) -> step.Work:
+def _broken(on_failure: str, size: int) -> tearing.Broken:
+    """Nothing failed yet, of `size` triangles."""
+    failed, gone = (size if on_failure != "stop" else 0), (size if on_failure == "remove" else 0)
+    return tearing.Broken(
+        np.zeros(failed, np.int64), np.zeros(gone, np.int64), np.zeros(4, np.int64), np.zeros(4)
+    )
+
+
+def work_space(model: step.Model, on_failure: str = "stop") -> step.Work:
     """Work arrays for a model; those of effects that are off, and of rk4 where it is not used, are empty."""
     n, m, t = model.masses.size, model.springs.start.size, model.triangles.masses.size
     stages = n if model.integrator == step.RK4 else 0
     heat = thermal.HeatWork(
         rate=np.zeros(n if model.warm else 0), emitting=np.zeros(t + 1 if model.heat.emission.size else 0),
-        flow=np.zeros(2 * m + 1 if model.heat.conductance.size else 0),
+        flow=np.zeros(2 * m + 1 if model.heat.conductance.size else 0), emission=model.heat.emission.copy(),
+        conductance=model.heat.conductance.copy(),
     )
     elements = model.sheet.modulus.size
     elastic_sheet = sheet.SheetWork(
         free=model.sheet.rest.copy(), squares=np.zeros(m if elements else 0), trace=np.zeros(elements),
         tension=np.zeros(3 * elements + 1 if elements else 0), sum=np.zeros(elements),
+        modulus=model.sheet.modulus.copy(), shear=model.sheet.shear.copy(), limit=model.sheet.limit.copy(),
     )
     return step.Work(
         free=model.springs.rest.copy(), sheet=elastic_sheet, pull=np.zeros((3, 2 * m + 1)),
         acceleration=np.zeros((3, n)), sides=np.zeros((6, t)), light=_light_work(t if model.lit else 0),
-        mirror=_mirror_work(model.mirror), heat=heat,
+        mirror=_mirror_work(model.mirror), broken=_broken(on_failure, t), heat=heat,
         flags=np.zeros(2, np.int64), gain=np.zeros(1),
         stage=step.Stage(*np.zeros((4, 3, stages)), *np.zeros((2, stages if model.warm else 0))),
     )

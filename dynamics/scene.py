@@ -199,7 +199,8 @@ class Flight(Strict):
     10 for flat sails, 2 for curved ones.
     stiffness: 'triangles' of constant strain, or springs along the edges: 'van_gelder' with Poisson's ratio, 'lattice'.
     Triangles tear where the larger principal stress reaches the strength, springs where their strain reaches strength
-    over Young's modulus. rim_factor: for springs only.
+    over Young's modulus. rim_factor: for springs only. on_failure: 'stop' ends the flight; 'record' counts the failed
+    triangles, 'remove' takes them out of the sail, until more than broken_fraction of them have failed.
     Published: rk4 with thermal_rate 2/3, stiffness 'lattice' with rim_factor 2, conductance 'first_triangle',
     expansion_1_K 2.33e-6 for every material, stefan_boltzmann 5.67e-8, spin_up_gain 1.001486.
     """
@@ -220,9 +221,17 @@ class Flight(Strict):
     spin_up_s: Positive | None = None
     spin_up_gain: Positive | None = None
     fly_away_m: Positive = 1.25
+    on_failure: Literal["stop", "record", "remove"] = "stop"
+    broken_fraction: Fraction = 1.0
     series_every: Annotated[int, Field(ge=1)] = 8
     snapshot_every_s: Positive = 1e-3
     checkpoint_every_s: Positive = 60.0
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Flight:
+        if self.on_failure != "stop" and self.stiffness != "triangles":
+            raise ValueError(f"on_failure = '{self.on_failure}': needs stiffness: triangles; springs must 'stop'")
+        return self
 
 
 class Reflections(Strict):

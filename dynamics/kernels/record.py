@@ -16,9 +16,10 @@ COLUMNS = {
     "time": 0, "position": 1, "velocity": 4, "fit": 7, "angular_momentum": 16, "inertia": 19, "temperature_max": 25,
     "temperature_min": 26, "temperature_mean": 27, "strain_max": 28, "strain_min": 29, "energy_kinetic": 30,
     "energy_elastic": 31, "power_incident": 32, "power_absorbed": 33, "power_radiated": 34, "force": 35, "torque": 38,
-    "impulse": 41, "outside_table": 44, "power_reflected": 45,
+    "impulse": 41, "outside_table": 44, "power_reflected": 45, "failed_tensile": 46,
+    "failed_thermal": 47,
 }
-WIDTH = 46
+WIDTH = 48
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -13,7 +13,6 @@ import math
 from typing import NamedTuple
 
 import numba
-import numpy as np
 
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.kernels.elastic import Floats
@@ -43,12 +42,16 @@ class Mirror(NamedTuple):
 
 
 class MirrorWork(NamedTuple):
-    """Work space: boxes of the tree, force (3, t) in N, heat (t,) in W, a stack, and the account (8,) of a trace."""
+    """Work space: boxes of the tree, force (3, t) in N, heat (t,) in W, the account (8,) of a trace.
+
+    ray (3, 3): origin, direction and inverse direction of the ray under way; stack: of the search.
+    """
 
     boxes: Floats
     force: Floats
     heat: Floats
     stack: Integers
+    ray: Floats
     account: Floats
 
 
@@ -94,14 +97,15 @@ def _strike(
 
 @numba.njit(cache=True, error_model="numpy")
 def _follow(
-    mirror: Mirror, work: MirrorWork, light: Light, frame: Floats, x: Floats, i: int, origin: Floats,
-    direction: Floats, power: float,
+    mirror: Mirror, work: MirrorWork, light: Light, frame: Floats, x: Floats, i: int, power: float, gone: Integers
 ) -> None:
     """One ray from triangle i until it leaves, has hit often enough, or is too weak."""
     weakest, own = mirror.cutoff * power, i
+    origin, direction = work.ray[0], work.ray[1]
     for _ in range(mirror.bounces):
         j, distance = nearest(
-            mirror.tree, work.boxes, x, light.corners, origin, direction, own, mirror.least, work.stack
+            mirror.tree, work.boxes, x, light.corners, origin, direction, own, mirror.least, gone, work.stack,
+            work.ray[2],
         )
         if j < 0:
             work.account[LEAVES] += power
@@ -118,10 +122,12 @@ def _follow(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _send(mirror: Mirror, work: MirrorWork, light: Light, frame: Floats, x: Floats, i: int, power: float) -> None:
+def _send(
+    mirror: Mirror, work: MirrorWork, light: Light, frame: Floats, x: Floats, i: int, power: float, gone: Integers
+) -> None:
     """Rays of equal power from the centres of the rays² equal parts of triangle i, for light along +z."""
     m, n2 = mirror.rays, frame[2, i]
-    origin, direction = np.empty(3), np.empty(3)
+    origin, direction = work.ray[0], work.ray[1]
     p, q, s = light.corners[0, i], light.corners[1, i], light.corners[2, i]
     for a in range(m):
         for b in range(2 * (m - a) - 1):
@@ -132,7 +138,7 @@ def _send(mirror: Mirror, work: MirrorWork, light: Light, frame: Floats, x: Floa
                 origin[c] = x[c, p] + u * (x[c, q] - x[c, p]) + v * (x[c, s] - x[c, p])
                 direction[c] = -2.0 * n2 * frame[c, i]
             direction[2] += 1.0
-            _follow(mirror, work, light, frame, x, i, origin, direction, power / (m * m))
+            _follow(mirror, work, light, frame, x, i, power / (m * m), gone)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -154,8 +160,13 @@ def _hold(work: MirrorWork, held: LightWork, e: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def bounce(mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, x: Floats, e: Floats) -> None:
-    """Add the light reflected within the sail to the held light, right after its refresh; sides e (6, t), x (3, n)."""
+def bounce(
+    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, x: Floats, e: Floats, gone: Integers
+) -> None:
+    """Add the light reflected within the sail to the held light, right after its refresh; sides e (6, t), x (3, n).
+
+    gone (t,): not 0 for removed triangles, or empty.
+    """
     refit(mirror.tree, x, light.corners, work.boxes)
     for i in range(work.heat.size):
         work.heat[i] = 0.0
@@ -167,5 +178,5 @@ def bounce(mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, x: F
         share, _ = response(light, mirror.kind[i], i, abs(held.frame[2, i]))
         power = share * held.incident[i]
         if power > 0.0:
-            _send(mirror, work, light, held.frame, x, i, power)
+            _send(mirror, work, light, held.frame, x, i, power, gone)
     _hold(work, held, e)

@@ -54,7 +54,8 @@ class Sheet(NamedTuple):
 class SheetWork(NamedTuple):
     """Work space: squared free lengths (3t,) and squared lengths (e,) in m²; tension (3t + 1,), the last 0.
 
-    tension: first d (3t,) in m², then 2 ∂U/∂q in N/m. trace (t,): 4A tr E in m²; sum (t,): d₀ + d₁ + d₂.
+    tension: first d (3t,) in m², then 2 ∂U/∂q in N/m. trace (t,): 4A tr E in m²; sum (t,): d₀ + d₁ + d₂. modulus,
+    shear and limit (t,): those of the sheet as it is now, 0, 0 and ∞ where a triangle has been removed.
     """
 
     free: Floats
@@ -62,6 +63,9 @@ class SheetWork(NamedTuple):
     tension: Floats
     trace: Floats
     sum: Floats
+    modulus: Floats
+    shear: Floats
+    limit: Floats
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -123,7 +127,7 @@ def _failing(sheet: Sheet, work: SheetWork) -> int:
     """How many triangles have a principal stress above their strength, or are not finite; work.tension still d."""
     t = sheet.modulus.size
     d0, d1, d2 = work.tension[:t], work.tension[t : 2 * t], work.tension[2 * t : 3 * t]
-    trace, total, poisson, limit = work.trace, work.sum, sheet.poisson, sheet.limit
+    trace, total, poisson, limit = work.trace, work.sum, sheet.poisson, work.limit
     bad = 0
     for i in range(limit.size):
         squares = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
@@ -178,7 +182,7 @@ def forces(sheet: Sheet, work: SheetWork, springs: Springs, x: Floats, pull: Flo
     t = work.trace.size
     for c in range(3):
         _tighten(
-            sheet.cotangent[c * t : (c + 1) * t], sheet.modulus, sheet.shear, work.trace, work.sum,
+            sheet.cotangent[c * t : (c + 1) * t], work.modulus, work.shear, work.trace, work.sum,
             work.tension[c * t : (c + 1) * t],
         )
     _gather(work.tension, sheet.slots, work.squares)
@@ -214,13 +218,13 @@ def principal(sheet: Sheet, work: SheetWork, i: int) -> tuple[float, float]:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def energy(sheet: Sheet, work: SheetWork, i: int) -> float:
+def energy(work: SheetWork, i: int) -> float:
     """Elastic energy of triangle i in J; work.tension still d."""
     t = work.trace.size
     p, q, r = work.tension[i], work.tension[t + i], work.tension[2 * t + i]
     squares = p * p + q * q + r * r
     form = work.sum[i] * work.sum[i] - 2.0 * squares
-    return 0.25 * (sheet.modulus[i] * work.trace[i] * work.trace[i] - 0.5 * sheet.shear[i] * form)
+    return 0.25 * (work.modulus[i] * work.trace[i] * work.trace[i] - 0.5 * work.shear[i] * form)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -232,11 +236,21 @@ def strain_and_energy(
     strain(sheet, work)
     largest, smallest, total = -np.inf, np.inf, 0.0
     for i in range(sheet.modulus.size):
+        if work.modulus[i] == 0.0:
+            continue
         first, second = principal(sheet, work, i)
         largest = max(largest, first)
         smallest = min(smallest, second)
-        total += energy(sheet, work, i)
+        total += energy(work, i)
     return largest, smallest, total
+
+
+@numba.njit(cache=True, error_model="numpy")
+def tears(sheet: Sheet, work: SheetWork, i: int) -> bool:
+    """Is triangle i above its strength; work.tension still d."""
+    return sheet.limit.size > 0 and not _holds(
+        work.trace[i], _spread(sheet, work, i), sheet.poisson[i], work.limit[i]
+    )
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -248,7 +262,6 @@ def first_torn(sheet: Sheet, work: SheetWork, springs: Springs, x: Floats, pull:
     for i in range(sheet.modulus.size):
         if not abs(work.trace[i]) < np.inf:
             return i, False
-        limited = sheet.limit.size > 0 and torn < 0
-        if limited and not _holds(work.trace[i], _spread(sheet, work, i), sheet.poisson[i], sheet.limit[i]):
+        if torn < 0 and tears(sheet, work, i):
             torn = i
     return torn, True

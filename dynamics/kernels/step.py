@@ -14,13 +14,14 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.kernels import elastic, failure, optical, record, reflections, sheet, thermal, triangles
+from dynamics.kernels import elastic, failure, optical, record, reflections, sheet, tearing, thermal, triangles
 from dynamics.kernels.beam import ramp
 from dynamics.kernels.elastic import Floats, Springs
 from dynamics.kernels.optical import Light, LightWork
 from dynamics.kernels.reflections import Mirror, MirrorWork
 from dynamics.kernels.sheet import Sheet, SheetWork
 from dynamics.kernels.spin import SpinUp, kick
+from dynamics.kernels.tearing import Broken
 from dynamics.kernels.thermal import Heat, HeatWork
 from dynamics.kernels.triangles import Triangles
 
@@ -32,7 +33,7 @@ class Model(NamedTuple):
 
     rest (3, n): shape in m the attitude is fitted to. lit, warm: are light and heat computed. dt in s; release: the
     step that starts at t = 0; end: the last one. optics_every: steps between updates of the held light; series_every:
-    between rows. fly_away: distance in m from the axis at which a run ends.
+    between rows. fly_away: distance in m from the axis at which a run ends; most_broken: failed triangles it outlives.
     """
 
     springs: Springs
@@ -54,6 +55,7 @@ class Model(NamedTuple):
     optics_every: int
     series_every: int
     fly_away: float
+    most_broken: int
 
 
 class State(NamedTuple):
@@ -79,6 +81,7 @@ class Work(NamedTuple):
     sides: Floats
     light: LightWork
     mirror: MirrorWork
+    broken: Broken
     heat: HeatWork
     flags: NDArray[np.int64]
     gain: Floats
@@ -128,8 +131,12 @@ def _light_up(model: Model, work: Work, x: Floats) -> int:
         if work.light.outside[2] > 0 or (work.light.outside[0] > 0 and not model.light.clamp):
             work.flags[1] = work.light.outside[1]
             return failure.LEFT_TABLE
+        for i in range(work.broken.gone.size):
+            tearing.darken(work.broken, work.light, i)
         if model.mirror.kind.size > 0:
-            reflections.bounce(model.mirror, work.mirror, model.light, work.light, x, work.sides)
+            reflections.bounce(
+                model.mirror, work.mirror, model.light, work.light, x, work.sides, work.broken.gone
+            )
         work.flags[0] = 1
     optical.turn(work.light, work.sides, work.gain[0])
     triangles.add_vectors(model.triangles.slots, work.light.force, work.acceleration)
@@ -137,19 +144,31 @@ def _light_up(model: Model, work: Work, x: Floats) -> int:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _warm_up(model: Model, work: Work, temperature: Floats) -> int:
+def _warm_up(model: Model, work: Work, x: Floats, temperature: Floats, t: float) -> int:
     """Free lengths at new temperatures; INTACT, THERMAL or NON_FINITE."""
     sheet.grow(model.sheet, model.triangles.corners, temperature, work.sheet.free)
     elastic.free_lengths(model.springs, temperature, work.free)
-    code, work.flags[1] = failure.first_burnt(model.springs, model.heat.limit, model.heat.lowest, temperature)
+    code, found = failure.first_burnt(model.springs, model.heat.limit, model.heat.lowest, temperature)
+    if code == failure.THERMAL and work.broken.failed.size > 0:
+        tearing.burn(
+            work.broken, model.sheet, work.sheet, model.heat, work.heat, work.light, model.springs, x, temperature, t
+        )
+        return failure.INTACT
+    work.flags[1] = found
     return code
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _pull(model: Model, work: Work, x: Floats) -> int:
+def _pull(model: Model, work: Work, x: Floats, t: float) -> int:
     """Elastic forces into work.acceleration; INTACT, TENSILE or NON_FINITE."""
     code = failure.INTACT
-    if model.sheet.modulus.size > 0:
+    if work.broken.failed.size > 0:
+        if sheet.forces(model.sheet, work.sheet, model.springs, x, work.pull, work.acceleration) > 0:
+            code, work.flags[1] = tearing.tear(
+                work.broken, model.sheet, work.sheet, work.heat, work.light, model.springs, x, work.pull, t
+            )
+            sheet.forces(model.sheet, work.sheet, model.springs, x, work.pull, work.acceleration)
+    elif model.sheet.modulus.size > 0:
         if sheet.forces(model.sheet, work.sheet, model.springs, x, work.pull, work.acceleration) > 0:
             work.flags[1], finite = sheet.first_torn(
                 model.sheet, work.sheet, model.springs, x, work.pull
@@ -169,10 +188,10 @@ def evaluate(
     renew: update the held light; warmed: the temperature has changed; heating: update the heating rate.
     """
     if warmed:
-        code = _warm_up(model, work, temperature)
+        code = _warm_up(model, work, x, temperature, t)
         if code != failure.INTACT:
             return code
-    code = _pull(model, work, x)
+    code = _pull(model, work, x, t)
     if code != failure.INTACT:
         return code
     gain = ramp(t, model.light.delay, model.light.rise, model.light.on) if model.lit else 0.0
@@ -334,9 +353,12 @@ def write_row(model: Model, state: State, work: Work, n: int, row: Floats) -> in
     for c in range(3):
         row[41 + c] = state.impulse[c]
     row[44] = work.light.outside[0]
+    row[46], row[47] = work.broken.tally[tearing.BY_STRESS], work.broken.tally[tearing.BY_HEAT]
     for i in range(row.size):
         if not math.isfinite(row[i]):
             return failure.NON_FINITE
+    if row[46] + row[47] > model.most_broken:
+        return failure.BROKEN
     return failure.FLY_AWAY if math.hypot(row[1], row[2]) > model.fly_away else failure.INTACT
 
 

@@ -30,11 +30,16 @@ class Heat(NamedTuple):
 
 
 class HeatWork(NamedTuple):
-    """Work space: rate (n,) in K/s, emitting (t + 1,): emission × current area, flow (2e + 1,) in W; last entries 0."""
+    """Work space: rate (n,) in K/s, emitting (t + 1,): emission × current area, flow (2e + 1,) in W; last entries 0.
+
+    emission (t,), conductance (e,): those of the sail as it is now, 0 where triangles have been removed.
+    """
 
     rate: Floats
     emitting: Floats
     flow: Floats
+    emission: Floats
+    conductance: Floats
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -81,9 +86,9 @@ def rates(
     if heat.absorbs and gain > 0.0:
         _absorb(slots, absorbed, gain, work.rate)
     if heat.emission.size > 0:
-        _emit(heat.emission, work.emitting, sides, slots, temperature, heat.background, work.rate)
+        _emit(work.emission, work.emitting, sides, slots, temperature, heat.background, work.rate)
     if heat.conductance.size > 0:
-        _conduct(heat.conductance, springs, temperature, work.flow, work.rate)
+        _conduct(work.conductance, springs, temperature, work.flow, work.rate)
     for i in range(work.rate.size):
         work.rate[i] *= heat.per_capacity[i]
 

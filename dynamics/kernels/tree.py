@@ -108,14 +108,14 @@ def meets(x: Floats, corners: Indices, i: int, origin: Floats, direction: Floats
 @numba.njit(cache=True, error_model="numpy")
 def nearest(
     tree: Tree, boxes: Floats, x: Floats, corners: Indices, origin: Floats, direction: Floats, own: int, least: float,
-    stack: Integers,
+    gone: Integers, stack: Integers, inverse: Floats,
 ) -> tuple[int, float]:
     """Triangle that a ray meets first, beyond the distance `least` and other than `own`, and the distance; −1 if none.
 
-    stack: work space, at least as long as the tree is deep plus two.
+    gone (t,): not 0 for triangles that light passes, or empty. Work space: stack, at least as long as the tree is deep
+    plus two, and inverse (3,).
     """
     leaves = tree.bounds.size - 1
-    inverse = np.empty(3)
     for c in range(3):
         inverse[c] = 1.0 / direction[c] if abs(direction[c]) > 1e-150 else np.copysign(1e150, direction[c])
     found, far = -1, np.inf
@@ -134,7 +134,9 @@ def nearest(
         k = i - (leaves - 1)
         for at in range(tree.bounds[k], tree.bounds[k + 1]):
             j = tree.order[at]
-            distance = meets(x, corners, j, origin, direction) if j != own else np.inf
+            if j == own or (gone.size > 0 and gone[j] != 0):
+                continue
+            distance = meets(x, corners, j, origin, direction)
             if distance > least and (distance < far or (distance == far and j < found)):
                 found, far = j, distance
     return found, far

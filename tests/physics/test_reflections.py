@@ -50,11 +50,13 @@ def test_the_tree_finds_what_asking_every_triangle_finds(tmp_path: Path):
     x = np.ascontiguousarray(m.rest + 0.1 * random.standard_normal(m.rest.shape))
     w = flight.work.mirror
     tree.refit(m.mirror.tree, x, m.light.corners, w.boxes)
-    hits = 0
+    hits, none = 0, np.empty(0, np.int64)
     for k in range(400):
         origin, direction = 0.3 * random.standard_normal(3), random.standard_normal(3)
         direction = np.eye(3)[k % 3] if k < 30 else direction / np.linalg.norm(direction)
-        got = tree.nearest(m.mirror.tree, w.boxes, x, m.light.corners, origin, direction, -1, 1e-9, w.stack)
+        got = tree.nearest(
+            m.mirror.tree, w.boxes, x, m.light.corners, origin, direction, -1, 1e-9, none, w.stack, w.ray[2]
+        )
         every = np.array([tree.meets(x, m.light.corners, i, origin, direction) for i in range(len(m.mirror.kind))])
         every[~(every > 1e-9)] = np.inf
         best = int(np.argmin(every))

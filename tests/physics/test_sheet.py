@@ -7,6 +7,7 @@ import pytest
 import skfem
 from scipy.optimize import brentq
 from scipy.sparse import csr_matrix, diags
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh, spsolve
 from scipy.special import j0, j1, jn_zeros
 from skfem.models.elasticity import lame_parameters, linear_elasticity
@@ -18,7 +19,7 @@ from dynamics.kernels.step import run
 from dynamics.membrane import Flight, fly
 from dynamics.mesh import Mesh, sail_mesh
 from dynamics.scene import MATERIALS, Scene
-from tests.membranes import dark, steps
+from tests.membranes import dark, film, steps
 
 YOUNG, POISSON, DENSITY, THICKNESS, RADIUS = 270e9, 0.27, 2700.0, 400e-9, 0.5
 TWO_DIMENSIONS = np.array([True, True, False])
@@ -264,3 +265,60 @@ def test_run_is_the_same_to_the_bit(tmp_path: Path):
         run(flight.model, flight.state, flight.work, 0, 500, True, rows)
         ends.append(flight.state.x.copy())
     assert np.array_equal(*ends)
+
+
+def pieces(flight: Flight) -> int:
+    """Connected parts of what is left of a sail."""
+    mesh, left = flight.membrane.mesh, flight.work.broken.gone == 0
+    pairs = mesh.edges[np.unique(mesh.triangle_edges[left])]
+    ones, n = np.ones(len(pairs)), len(mesh.nodes)
+    _, label = connected_components(csr_matrix((ones, pairs.T), shape=(n, n)), directed=False)
+    return len(np.unique(label[mesh.triangles[left]]))
+
+
+def test_a_sail_torn_in_two_flies_on_in_two_pieces(tmp_path: Path):
+    """Halves thrown apart at 900 m/s: the middle tears, momentum stays, energy never grows."""
+    scene = dark(8, flight={"on_failure": "remove", "series_every": 1}, effects={"emission": False})
+    flight = Flight(scene, {}, tmp_path)
+    x = flight.model.rest
+    flight.state.v[0] = 900.0 * np.sign(np.round(x[0], 9))
+    momentum = flight.model.masses @ flight.state.v[0]
+    rows = steps(flight, 400)
+    energy = rows[:, 30] + rows[:, 31]
+    assert pieces(flight) >= 2
+    assert flight.work.broken.tally[0] == flight.work.broken.gone.sum() == rows[-1, 46] > 10
+    assert np.all(np.diff(energy) < 2e-3 * energy[0])
+    assert energy[-1] < energy[0]
+    assert abs(flight.model.masses @ flight.state.v[0] - momentum) < 1e-12 * 900.0 * flight.model.masses.sum()
+    left, right = (np.abs(flight.state.v[0][side]).mean() for side in (x[0] < -0.2, x[0] > 0.2))
+    assert min(left, right) > 600.0
+
+
+def test_recorded_failures_leave_the_flight_as_it_was(tmp_path: Path):
+    """'record' only counts: bits as without the effect, until too many have failed."""
+    groups = {"release": {"spin_Hz": -850.0}, "flight": {"spin_up_s": 2e-3, "duration_s": 1e-5}}
+    recorded = fly(dark(5, **{**groups, "flight": {**groups["flight"], "on_failure": "record"}}), {})
+    free = fly(dark(5, **groups, effects={"tensile_failure": False}), {})
+    assert recorded[1].reason == free[1].reason == "finished"
+    assert np.array_equal(recorded[0].state.x, free[0].state.x)
+    failed = recorded[2]["failed_tensile"]
+    assert 0 < failed[-1] < 150
+    assert np.all(np.diff(failed) >= 0)
+    limited = {**groups["flight"], "on_failure": "record", "broken_fraction": 0.0}
+    assert fly(dark(5, **{**groups, "flight": limited}), {})[1].reason == "broken"
+
+
+def test_what_burns_is_removed_and_takes_no_more_light():
+    scene = dark(
+        4, sail={"sectors": [
+            {**film(absorptance=a)[0], "from_deg": start} for start, a in ((30.0, 1e-3), (210.0, 0.0))
+        ]}, beam={"intensity_W_m2": 1e9, "radius_m": 100.0},
+        flight={"duration_s": 3e-3, "fly_away_m": 1e9, "on_failure": "remove"}, effects={"conduction": False},
+    )
+    flight, end, series = fly(scene, {})
+    assert end.reason == "finished"
+    gone = flight.work.broken.gone == 1
+    assert np.array_equal(gone, flight.membrane.mesh.sector == 0)
+    assert series["failed_thermal"][-1] == gone.sum() == 48
+    assert series["power_absorbed"][-1] == 0.0
+    assert series["power_incident"][-1] == pytest.approx(0.5 * series["power_incident"].max(), rel=1e-2)

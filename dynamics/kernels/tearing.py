@@ -1,0 +1,114 @@
+"""Triangles that fail while the flight goes on: recorded, or removed from the sail with all they do."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from dynamics.kernels import sheet
+from dynamics.kernels.elastic import Floats, Springs
+from dynamics.kernels.failure import INTACT, NON_FINITE
+from dynamics.kernels.optical import LightWork
+from dynamics.kernels.sheet import Sheet, SheetWork
+from dynamics.kernels.thermal import Heat, HeatWork
+
+#: What a failure does: it ends the flight, is counted, or takes the triangle out of the sail.
+STOP, RECORD, REMOVE = range(3)
+#: Entries of `Broken.tally`: failures by stress and by heat, the first triangle to fail, and its kind (0 or 1).
+BY_STRESS, BY_HEAT, FIRST, KIND = range(4)
+
+
+class Broken(NamedTuple):
+    """Failed triangles; no arrays where the first failure ends the flight.
+
+    failed (t,): 1 once a triangle has failed. gone (t,): 1 once it is removed; empty where none is. tally (4,): see
+    above. first (4,): time in s and place in m of the first failure.
+    """
+
+    failed: NDArray[np.int64]
+    gone: NDArray[np.int64]
+    tally: NDArray[np.int64]
+    first: Floats
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _note(broken: Broken, i: int, kind: int, t: float, x: Floats, springs: Springs, side: int) -> None:
+    """Count the failure of triangle i, and keep time and place (the middle of a side) of the first."""
+    if broken.tally[BY_STRESS] + broken.tally[BY_HEAT] == 0:
+        broken.tally[FIRST], broken.tally[KIND], broken.first[0] = i, kind, t
+        for c in range(3):
+            broken.first[1 + c] = 0.5 * (x[c, springs.start[side]] + x[c, springs.end[side]])
+    broken.tally[kind] += 1
+    broken.failed[i] = 1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _remove(broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: LightWork, i: int) -> None:
+    """Take triangle i out: it carries, absorbs, reflects and emits nothing; edges left alone conduct nothing."""
+    size = model.modulus.size
+    broken.gone[i] = 1
+    work.modulus[i], work.shear[i] = 0.0, 0.0
+    if heat.emission.size > 0:
+        heat.emission[i] = 0.0
+    if heat.conductance.size > 0:
+        for c in range(3):
+            side = model.sides[c * size + i]
+            alone = True
+            for place in model.slots[:, side]:
+                alone = alone and (place >= 3 * size or broken.gone[place % size] != 0)
+            if alone:
+                heat.conductance[side] = 0.0
+    darken(broken, light, i)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def darken(broken: Broken, light: LightWork, i: int) -> None:
+    """No light on triangle i, where there is light and the triangle is gone."""
+    if light.incident.size > 1 and broken.gone[i] != 0:
+        light.incident[i], light.absorbed[i] = 0.0, 0.0
+        for c in range(3):
+            light.held[c, i] = 0.0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def tear(
+    broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: LightWork, springs: Springs, x: Floats,
+    pull: Floats, t: float,
+) -> tuple[int, int]:
+    """Note, and where asked remove, every triangle above its strength at nodes x (3, n) and time t in s.
+
+    Returns (NON_FINITE, triangle) if one is not finite, else (INTACT, −1).
+    """
+    bad, finite = sheet.first_torn(model, work, springs, x, pull)
+    if not finite:
+        return NON_FINITE, bad
+    for i in range(work.limit.size):
+        if sheet.tears(model, work, i):
+            work.limit[i] = np.inf
+            if broken.failed[i] == 0:
+                _note(broken, i, BY_STRESS, t, x, springs, model.sides[i])
+            if broken.gone.size > 0:
+                _remove(broken, model, work, heat, light, i)
+    return INTACT, -1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def burn(
+    broken: Broken, model: Sheet, work: SheetWork, limits: Heat, heat: HeatWork, light: LightWork, springs: Springs,
+    x: Floats, temperature: Floats, t: float,
+) -> None:
+    """The same for triangles with a side whose mean temperature is above its limit."""
+    size = model.modulus.size
+    for i in range(size if limits.limit.size > 0 else 0):
+        for c in range(3):
+            side = model.sides[c * size + i]
+            mean = 0.5 * (temperature[springs.start[side]] + temperature[springs.end[side]])
+            if broken.failed[i] == 0 and mean > limits.limit[side]:
+                _note(broken, i, BY_HEAT, t, x, springs, side)
+                if broken.gone.size > 0:
+                    if work.limit.size > 0:
+                        work.limit[i] = np.inf
+                    _remove(broken, model, work, heat, light, i)
