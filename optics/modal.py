@@ -48,6 +48,10 @@ def choose_nodes(cell: Metagrating, u_max: float, v_max: float, tolerance: float
 
     curves = window_curves(cell, u_max, v_max)
     u = np.linspace(-u_max, u_max, max(_FEWEST_ROWS, 1 + 2 * int(np.ceil(u_max / _FIRST_STEP))))
+    # Strips between neighbouring cut-offs may be narrower than the rows are apart: they get rows of their own.
+    edges = np.sort(curves.u(np.zeros(1))[:, 0])
+    within = np.concatenate([edges[:-1] + share * np.diff(edges) for share in (0.25, 0.5, 0.75)])
+    u = np.unique(np.concatenate([u, within[np.abs(within) < u_max]]))
     lines = max(_FEWEST_LINES, int(np.ceil(v_max**2 / _FIRST_STEP)))
     v = first_lines(breaks(curves, -u_max, u_max, v_max), lines)
     return refine(start(response, curves, u, v, PARITY), tolerance, f"modal {cell.name}")
