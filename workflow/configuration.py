@@ -43,6 +43,7 @@ class Config(Strict):
     fdtd_parts: Annotated[int, Field(ge=1, le=1000)]
     fdtd_grid: Grid
     fdtd_tolerance: Tolerance
+    screening_parts: Annotated[int, Field(ge=1, le=10000)]
     floquet: list[Name]
     maps: list[Name]
     rigid: list[Name]

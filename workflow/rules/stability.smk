@@ -128,3 +128,93 @@ rule maps_figure:
     shell:
         "python workflow/figures/maps.py --maps {input.maps} --name {wildcards.scene}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
+
+
+def studied(wildcards):
+    """Tables of the designs of a published case."""
+    from workflow.case import read_cases
+
+    designs = checked(read_cases, CASES)[wildcards.case].designs
+    return [plan.table(design, plan.config.tables) for design in designs]
+
+
+def studies(wildcards):
+    """Results of every published case with both incidence models."""
+    from workflow.case import read_cases
+
+    return [f"results/cases/{case}/{model}.json" for case in checked(read_cases, CASES) for model in BASE]
+
+
+# Published cases, and the scene that each incidence model starts from.
+CASES = "workflow/cases.yaml"
+BASE = {"yaw_blind": "workflow/scenes/fig6_published.yaml", "sail_frame": "workflow/scenes/fig6.yaml"}
+
+
+rule study:
+    input:
+        cases=CASES,
+        scene=lambda wildcards: BASE[wildcards.model],
+        tables=studied,
+        sources=sources("workflow/case.py"),
+    output:
+        "results/cases/{case}/{model}.json",
+    log:
+        "results/logs/cases/{case}/{model}.log",
+    benchmark:
+        "results/benchmarks/cases/{case}/{model}.tsv"
+    wildcard_constraints:
+        case=r"[A-Za-z0-9_]+",
+        model="yaw_blind|sail_frame",
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=30,
+    message:
+        "Published case {wildcards.case}, {wildcards.model}"
+    shell:
+        "python workflow/case.py --cases {input.cases} --case {wildcards.case} --scene {input.scene}"
+        " --tables {input.tables} --out {output} > {log} 2>&1"
+
+
+rule conclusions:
+    input:
+        studies=studies,
+        sources=sources("workflow/figures/conclusions.py"),
+    output:
+        csv="results/conclusions.csv",
+        markdown="results/conclusions.md",
+        png=report(
+            "results/figures/conclusions.png",
+            caption="../report/conclusions.rst",
+            category="Stability",
+            labels={"figure": "the paper's conclusions"},
+        ),
+        svg="results/figures/conclusions.svg",
+    log:
+        "results/logs/conclusions.log",
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "What is left of the paper's conclusions"
+    shell:
+        "python workflow/figures/conclusions.py --studies {input.studies} --csv {output.csv}"
+        " --markdown {output.markdown} --out {output.png} --svg {output.svg} > {log} 2>&1"
+
+
+rule merit:
+    input:
+        sources=sources("dynamics.merit"),
+    output:
+        "results/merit.csv",
+    log:
+        "results/logs/merit.log",
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
+    message:
+        "Figures of merit of the materials"
+    shell:
+        "python -m dynamics.merit --out {output} > {log} 2>&1"

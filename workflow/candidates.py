@@ -1,0 +1,73 @@
+"""The best members of a screened family as designs and scenes of their own, for FDTD, tables and flights."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import yaml
+from family import Family, read_family
+
+from dynamics.scene import Scene, read_scene
+from optics.files import atomic, run_stage
+
+HEADER = "# Made by the workflow: member {number} of family {family}, rank {rank}.\n"
+
+
+def best_members(family: Family, screened: pd.DataFrame) -> pd.DataFrame:
+    """The members that go on, best first: eligible ones, without the base sail itself."""
+    eligible = screened[screened["eligible"] & (screened.index > 0)]
+    return eligible.sort_values("rank").head(family.best.count)
+
+
+def scene_of(base: Scene, member: pd.Series, designs: dict[str, str]) -> dict[str, Any]:
+    """The base scene with a member's cells, sectors, spin, beam and thicknesses; `designs` by those of the base."""
+    data = base.model_dump(exclude_none=True)
+    half = float(member["sail.sector_deg"]) / 2.0
+    starts = (half, 180.0 - half, 180.0 + half, 360.0 - half)
+    for sector, described, start in zip(data["sail"]["sectors"], base.sail.sectors, starts, strict=True):
+        sector["from_deg"], sector["design"] = start, designs[str(described.design)]
+        thickness = float(member[f"{sector['design']}.mean_thickness_m"])
+        sector["material"] = described.properties.model_copy(update={"thickness_m": thickness}).model_dump()
+    data["beam"]["radius_m"] = float(member["sail.beam_radius_m"])
+    data["release"]["spin_Hz"] = float(member["sail.spin_Hz"])
+    return data | {"name": "sail", "description": f"{base.description}; candidate of a screened family"}
+
+
+def write(folder: Path, family: Family, base: Scene, screened: pd.DataFrame, cells: list[dict[str, Any]]) -> None:
+    """Write te.yaml, tm.yaml and sail.yaml of every candidate to folder/1, folder/2 …"""
+    designs = {str(base.sail.sectors[-1].design): "te"}
+    designs |= {d: "tm" for d in base.sail.designs if d not in designs}
+    folder.mkdir(parents=True, exist_ok=True)
+    for place, (number, member) in enumerate(best_members(family, screened).iterrows(), start=1):
+        files: dict[str, dict[str, Any]] = {}
+        for group in ("te", "tm"):
+            cell = cells[int(member[f"{group}_cell"])] | {"name": group}
+            fill = sum(width for _, width in cell["ridges_nm"]) / cell["period_nm"]
+            member[f"{group}.mean_thickness_m"] = 1e-9 * (cell["membrane_nm"] + cell["ridge_height_nm"] * fill)
+            files[group] = cell
+        files["sail"] = scene_of(base, member, designs)
+        for name, data in files.items():
+            with atomic(folder / str(place) / f"{name}.yaml") as temporary:
+                head = HEADER.format(number=number, family=family.name, rank=int(member["rank"]))
+                temporary.write_text(head + yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+
+
+def main() -> None:
+    """Write the best members of a family."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--family", required=True, help="YAML file of the family")
+    parser.add_argument("--scene", required=True, help="YAML file of its base scene")
+    parser.add_argument("--screened", required=True, help="Parquet file of dynamics.screening")
+    parser.add_argument("--cells", required=True, type=Path, help="cells of the family, one JSON a line")
+    parser.add_argument("--out", required=True, type=Path, help="folder to write to")
+    given = parser.parse_args()
+    cells = [json.loads(line) for line in given.cells.read_text(encoding="utf-8").splitlines()]
+    write(given.out, read_family(given.family), read_scene(given.scene), pd.read_parquet(given.screened), cells)
+
+
+if __name__ == "__main__":
+    run_stage(main)

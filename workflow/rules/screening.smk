@@ -1,0 +1,313 @@
+"""Families of designs: every cell once, in blocks of jobs; stability of every member; FDTD and flights of the best alone."""
+
+from workflow.family import read_family
+
+
+def family_file(name):
+    return f"workflow/families/{name}.yaml"
+
+
+def family(name):
+    return checked(read_family, family_file(name))
+
+
+def base_scene(wildcards):
+    return f"workflow/scenes/{family(wildcards.family).scene}.yaml"
+
+
+def base_designs(wildcards):
+    designs = plan.scene(family(wildcards.family).scene).sail.designs
+    return [f"workflow/designs/{design}.yaml" for design in designs]
+
+
+def confirmations(name):
+    """Of each of the best members, once screening has found them: stability from FDTD tables, rigid and flexible flight."""
+    def paths(wildcards):
+        folder = Path(checkpoints.candidates.get(family=name).output[0])
+        files = (["floquet_fdtd.json"] if plan.fdtd else []) + ["floquet.json", "rigid.h5", "flight.vtkhdf"]
+        places = sorted(path.name for path in folder.iterdir() if path.name.isdecimal())
+        return [f"results/screening/{name}/confirmed/{place}/{file}" for place in places for file in files]
+
+    return paths
+
+
+wildcard_constraints:
+    family=r"[A-Za-z0-9_]+",
+    place=r"\d+",
+    cell=r"te|tm",
+
+
+rule family:
+    input:
+        family="workflow/families/{family}.yaml",
+        scene=base_scene,
+        designs=base_designs,
+        sources=sources("workflow/family.py"),
+    output:
+        cells="results/screening/{family}/cells.jsonl",
+        members="results/screening/{family}/members.parquet",
+    log:
+        "results/logs/screening/{family}/family.log",
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    message:
+        "Members of the family {wildcards.family}"
+    shell:
+        "python workflow/family.py --family {input.family} --out $(dirname {output.cells}) > {log} 2>&1"
+
+
+# Blocks that are done stay done: a run that was killed goes on with the others.
+rule cells:
+    input:
+        cells="results/screening/{family}/cells.jsonl",
+        sources=sources("optics.local"),
+    output:
+        "results/screening/{family}/cells/{part}.parquet",
+    log:
+        "results/logs/screening/{family}/cells/{part}.log",
+    benchmark:
+        "results/benchmarks/screening/{family}/cells/{part}.tsv"
+    params:
+        blocks=plan.config.screening_parts,
+        orders=lambda wildcards: family(wildcards.family).orders,
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=60,
+    message:
+        "Cells of the family {wildcards.family}, part {wildcards.part} of {params.blocks}"
+    shell:
+        "python -m optics.local --cells {input.cells} --block {wildcards.part}/{params.blocks} --order {params.orders}"
+        " --out {output} > {log} 2>&1"
+
+
+rule screened:
+    input:
+        scene=base_scene,
+        members="results/screening/{family}/members.parquet",
+        cells=[f"results/screening/{{family}}/cells/{k + 1}.parquet" for k in range(plan.config.screening_parts)],
+        sources=sources("dynamics.screening"),
+    output:
+        "results/screening/{family}/screened.parquet",
+    log:
+        "results/logs/screening/{family}/screened.log",
+    benchmark:
+        "results/benchmarks/screening/{family}/screened.tsv"
+    params:
+        by=lambda wildcards: family(wildcards.family).best.by,
+        at_least=lambda wildcards: family(wildcards.family).best.at_least,
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    message:
+        "Stability of the family {wildcards.family}"
+    shell:
+        "python -m dynamics.screening --scene {input.scene} --members {input.members} --cells {input.cells}"
+        " --by {params.by} --at-least {params.at_least} --out {output} > {log} 2>&1"
+
+
+# A checkpoint: which designs FDTD and the flights get is known only now.
+checkpoint candidates:
+    input:
+        family="workflow/families/{family}.yaml",
+        scene=base_scene,
+        screened="results/screening/{family}/screened.parquet",
+        cells="results/screening/{family}/cells.jsonl",
+        sources=sources("workflow/candidates.py"),
+    output:
+        directory("results/screening/{family}/candidates"),
+    log:
+        "results/logs/screening/{family}/candidates.log",
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Best members of the family {wildcards.family}"
+    shell:
+        "python workflow/candidates.py --family {input.family} --scene {input.scene} --screened {input.screened}"
+        " --cells {input.cells} --out {output} > {log} 2>&1"
+
+
+CONFIRMED = "results/screening/{family}/confirmed/{place}"
+
+
+def candidate(name):
+    """A file of a candidate, there once the checkpoint has run."""
+    def path(wildcards):
+        folder = checkpoints.candidates.get(family=wildcards.family).output[0]
+        return f"{folder}/{wildcards.place}/{name.format(**dict(wildcards.items()))}"
+
+    return path
+
+
+use rule modal_table as candidate_modal_table with:
+    input:
+        cell=candidate("{cell}.yaml"),
+        sources=sources("optics.modal"),
+    output:
+        f"{CONFIRMED}/{{cell}}/modal.h5",
+    log:
+        "results/logs/screening/{family}/{place}/{cell}/modal.log",
+    benchmark:
+        "results/benchmarks/screening/{family}/{place}/{cell}/modal.tsv"
+    message:
+        "Modal table of cell {wildcards.cell} of candidate {wildcards.place} of {wildcards.family}"
+
+
+rule candidate_fdtd_nodes:
+    input:
+        cell=candidate("{cell}.yaml"),
+        sources=sources("optics.nodes"),
+    output:
+        f"{CONFIRMED}/{{cell}}/fdtd/nodes.json",
+    log:
+        "results/logs/screening/{family}/{place}/{cell}/fdtd/nodes.log",
+    params:
+        grid=grid(plan.config.fdtd_grid),
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    message:
+        "Directions for FDTD on cell {wildcards.cell} of candidate {wildcards.place} of {wildcards.family}"
+    shell:
+        "python -m optics.nodes --cell {input.cell} --out {output} {params.grid} > {log} 2>&1"
+
+
+use rule fdtd_part as candidate_fdtd_part with:
+    input:
+        cell=candidate("{cell}.yaml"),
+        nodes=f"{CONFIRMED}/{{cell}}/fdtd/nodes.json",
+        sources=sources("optics.fdtd"),
+    output:
+        f"{CONFIRMED}/{{cell}}/fdtd/part{{part}}.h5",
+    log:
+        "results/logs/screening/{family}/{place}/{cell}/fdtd/part{part}.log",
+    benchmark:
+        "results/benchmarks/screening/{family}/{place}/{cell}/fdtd/part{part}.tsv"
+    message:
+        "FDTD on cell {wildcards.cell} of candidate {wildcards.place} of {wildcards.family}, part {wildcards.part}"
+
+
+use rule fdtd_table as candidate_fdtd_table with:
+    input:
+        parts=[f"{CONFIRMED}/{{cell}}/fdtd/part{k + 1}.h5" for k in range(plan.config.fdtd_parts)],
+        cell=candidate("{cell}.yaml"),
+        nodes=f"{CONFIRMED}/{{cell}}/fdtd/nodes.json",
+        sources=sources("optics.fdtd"),
+    output:
+        f"{CONFIRMED}/{{cell}}/fdtd.h5",
+    log:
+        "results/logs/screening/{family}/{place}/{cell}/fdtd.log",
+    benchmark:
+        "results/benchmarks/screening/{family}/{place}/{cell}/fdtd.tsv"
+    message:
+        "FDTD table of cell {wildcards.cell} of candidate {wildcards.place} of {wildcards.family}"
+
+
+use rule floquet as candidate_floquet with:
+    input:
+        scene=candidate("sail.yaml"),
+        tables=[f"{CONFIRMED}/{cell}/modal.h5" for cell in ("te", "tm")],
+        sources=sources("dynamics.floquet"),
+    output:
+        f"{CONFIRMED}/floquet.json",
+    log:
+        "results/logs/screening/{family}/{place}/floquet.log",
+    benchmark:
+        "results/benchmarks/screening/{family}/{place}/floquet.tsv"
+    message:
+        "Stability of candidate {wildcards.place} of {wildcards.family}"
+
+
+use rule floquet as candidate_floquet_fdtd with:
+    input:
+        scene=candidate("sail.yaml"),
+        tables=[f"{CONFIRMED}/{cell}/fdtd.h5" for cell in ("te", "tm")],
+        sources=sources("dynamics.floquet"),
+    output:
+        f"{CONFIRMED}/floquet_fdtd.json",
+    log:
+        "results/logs/screening/{family}/{place}/floquet_fdtd.log",
+    benchmark:
+        "results/benchmarks/screening/{family}/{place}/floquet_fdtd.tsv"
+    message:
+        "Stability of candidate {wildcards.place} of {wildcards.family} from FDTD tables"
+
+
+use rule rigid as candidate_rigid with:
+    input:
+        scene=candidate("sail.yaml"),
+        tables=[f"{CONFIRMED}/{cell}/modal.h5" for cell in ("te", "tm")],
+        sources=sources("dynamics.rigid"),
+    output:
+        f"{CONFIRMED}/rigid.h5",
+    log:
+        "results/logs/screening/{family}/{place}/rigid.log",
+    benchmark:
+        "results/benchmarks/screening/{family}/{place}/rigid.tsv"
+    message:
+        "Rigid flight of candidate {wildcards.place} of {wildcards.family}"
+
+
+use rule flight as candidate_flight with:
+    input:
+        scene=candidate("sail.yaml"),
+        tables=[f"{CONFIRMED}/{cell}/modal.h5" for cell in ("te", "tm")],
+        sources=sources("dynamics.membrane"),
+    output:
+        f"{CONFIRMED}/flight.vtkhdf",
+    log:
+        "results/logs/screening/{family}/{place}/flight.log",
+    benchmark:
+        "results/benchmarks/screening/{family}/{place}/flight.tsv"
+    message:
+        "Flexible flight of candidate {wildcards.place} of {wildcards.family}"
+
+
+rule family_figure:
+    input:
+        screened="results/screening/{family}/screened.parquet",
+        sources=sources("workflow/figures/families.py"),
+    output:
+        png=report(
+            "results/figures/{family}.png",
+            caption="../report/families.rst",
+            category="Screening",
+            labels={"family": "{family}"},
+        ),
+        svg="results/figures/{family}.svg",
+    log:
+        "results/logs/figures/{family}.log",
+    wildcard_constraints:
+        family="search|gap_study|tolerances",
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    message:
+        "Figure of the family {wildcards.family}"
+    shell:
+        "python workflow/figures/families.py --kind {wildcards.family} --screened {input.screened}"
+        " --out {output.png} --svg {output.svg} > {log} 2>&1"
+
+
+# The paper's search around its design, and the best of it confirmed.
+rule screening:
+    input:
+        "results/figures/search.png",
+        confirmations("search"),
+
+
+rule gap_study:
+    input:
+        "results/figures/gap_study.png",
+
+
+rule tolerances:
+    input:
+        "results/figures/tolerances.png",
