@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.image import imread
 
@@ -88,6 +89,54 @@ def test_pressure(drawn, results):
     cell = results / "tables/mark1e_te"
     text = drawn("pressure", "--modal", cell / "modal.h5", "--fdtd", cell / "fdtd.h5")
     assert "largest 1.0e-03" in text
+
+
+def _study(incidence, growth, end):
+    flight = {"end": end, "time_s": 1.0, "distance_m": 0.1, "tilt_deg": 2.0, "bounded": end == "finished"}
+    return {
+        "case": "wide", "label": "wide gaps", "incidence": incidence, "verdict": "unstable" if growth else "undecided",
+        "max_modulus": 1.0 + growth, "margin_1_s": -growth, "margin_range_1_s": [-1.5 * growth, -growth],
+        "route_difference": None, "small_flight_difference": 1e-5, "paper_verdict": "unstable", "paper_flight": "lost",
+        "flights": {"displaced": flight, "tilted": flight},
+    }
+
+
+def test_conclusions_say_what_stands_and_what_changes(drawn, tmp_path):
+    studies = []
+    for study in (_study("yaw_blind", 0.5, "fly_away"), _study("sail_frame", 0.4, "finished")):
+        studies.append(tmp_path / f"{study['incidence']}.json")
+        studies[-1].write_text(json.dumps(study), encoding="utf-8")
+    table, text = tmp_path / "table.csv", tmp_path / "text.md"
+    drawn("conclusions", "--studies", *studies, "--csv", table, "--markdown", text)
+    assert "- wide gaps: linear stability: **stands** (unstable); flight: **changes** (bounded" in text.read_text()
+    with open(table, encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["incidence"] for row in rows] == ["yaw blind", "sail frame"]
+    assert [row["tilted_end"] for row in rows] == ["fly away", "finished"]
+
+
+def _screened():
+    """A small screened family, stable where its gaps are small."""
+    gaps = np.linspace(1.0, 1.9, 10)
+    te, tm = (x.ravel() for x in np.meshgrid(190 * gaps, 200 * gaps, indexing="ij"))
+    te, tm = np.append(190, te), np.append(200, tm)
+    margin = 2.0 - te / 190 - 0.3 * tm / 200
+    frame = pd.DataFrame({
+        "te.gap_nm": te, "tm.gap_nm": tm, "thrust_N": 0.3 + 1e-4 * te, "margin_1_s": margin, "scale": te // 100,
+        "margin_low_1_s": margin - 0.01, "margin_high_1_s": margin + 0.01, "tau_x_roll": -0.1 * margin,
+        "F_y_y": -margin,
+        "verdict": np.where(margin > 0, "marginally_stable", "unstable"), "eligible": margin > 0,
+        "rank": np.where(margin > 0, np.argsort(np.argsort(-margin)), -1),
+    })
+    parameters = [f"{group}.{name}_nm" for group in ("te", "tm") for name in ("wide", "period")]
+    return frame.assign(**dict.fromkeys(parameters, 500.0))
+
+
+@pytest.mark.parametrize("kind", ["search", "gap_study", "tolerances"])
+def test_families(drawn, tmp_path, kind):
+    _screened().to_parquet(tmp_path / "screened.parquet")
+    text = drawn("families", "--kind", kind, "--screened", tmp_path / "screened.parquet")
+    assert {"search": "published design", "gap_study": "stability lost at 1.60", "tolerances": "Wilson"}[kind] in text
 
 
 def test_maps(drawn, results):

@@ -1,21 +1,20 @@
 """Families of designs: every cell once, in blocks of jobs; stability of every member; FDTD and flights of the best alone."""
 
-from workflow.family import read_family
-
-
-def family_file(name):
-    return f"workflow/families/{name}.yaml"
-
 
 def family(name):
-    return checked(read_family, family_file(name))
+    """A family of designs, read and checked when it is first asked for."""
+    from workflow.family import read_family
+
+    return checked(read_family, f"workflow/families/{name}.yaml")
 
 
 def base_scene(wildcards):
+    """File of the scene that a family starts from."""
     return f"workflow/scenes/{family(wildcards.family).scene}.yaml"
 
 
 def base_designs(wildcards):
+    """Files of that scene's designs."""
     designs = plan.scene(family(wildcards.family).scene).sail.designs
     return [f"workflow/designs/{design}.yaml" for design in designs]
 
