@@ -12,10 +12,10 @@ include: "workflow/rules/common.smk"
 include: "workflow/rules/optics.smk"
 include: "workflow/rules/stability.smk"
 include: "workflow/rules/flight.smk"
-include: "workflow/rules/screening.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/accuracy.smk"
 include: "workflow/rules/basins.smk"
+include: "workflow/rules/screening.smk"
 include: "workflow/rules/accuracy_rigid.smk"
 
 

@@ -123,9 +123,10 @@ def test_members_that_fail_cost_no_fdtd_and_no_flight(tmp_path):
         assert read_scene(folder / "candidates" / place / "sail.yaml").sail.designs == ["tm", "te"]
     dry = _snakemake(tmp_path, "--dry-run", "--config", "fdtd=true", "--", "screening")
     assert dry.returncode == 0, dry.stderr
+    basin_parts = yaml.safe_load((tmp_path / "workflow/config.yaml").read_text())["basin_parts"]
     jobs = dict(re.findall(r"^(candidate_\w+|cells) +(\d+)$", dry.stdout + dry.stderr, re.M))
     assert jobs == {
         "candidate_modal_table": "4", "candidate_fdtd_nodes": "4", "candidate_fdtd_part": "32",
         "candidate_fdtd_table": "4", "candidate_floquet": "2", "candidate_floquet_fdtd": "2", "candidate_rigid": "2",
-        "candidate_flight": "2",
+        "candidate_flight": "2", "candidate_basin": "2", "candidate_basin_part": str(2 * basin_parts),
     }

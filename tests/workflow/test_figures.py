@@ -96,7 +96,8 @@ def _study(incidence, growth, end):
     return {
         "case": "wide", "label": "wide gaps", "incidence": incidence, "verdict": "unstable" if growth else "undecided",
         "max_modulus": 1.0 + growth, "margin_1_s": -growth, "margin_range_1_s": [-1.5 * growth, -growth],
-        "route_difference": None, "small_flight_difference": 1e-5, "paper_verdict": "unstable", "paper_flight": "lost",
+        "route_difference": None, "small_flight_difference": 1e-5, "basin_share": 0.5, "paper_verdict": "unstable",
+        "paper_flight": "lost",
         "flights": {"displaced": flight, "tilted": flight},
     }
 

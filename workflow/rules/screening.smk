@@ -23,7 +23,7 @@ def confirmations(name):
     """Of each of the best members, once screening has found them: stability from FDTD tables, rigid and flexible flight."""
     def paths(wildcards):
         folder = Path(checkpoints.candidates.get(family=name).output[0])
-        files = (["floquet_fdtd.json"] if plan.fdtd else []) + ["floquet.json", "rigid.h5", "flight.vtkhdf"]
+        files = (["floquet_fdtd.json"] if plan.fdtd else []) + ["floquet.json", "rigid.h5", "basin/sail_frame.h5", "flight.vtkhdf"]
         places = sorted(path.name for path in folder.iterdir() if path.name.isdecimal())
         return [f"results/screening/{name}/confirmed/{place}/{file}" for place in places for file in files]
 
@@ -251,6 +251,37 @@ use rule rigid as candidate_rigid with:
         "results/benchmarks/screening/{family}/{place}/rigid.tsv"
     message:
         "Rigid flight of candidate {wildcards.place} of {wildcards.family}"
+
+
+use rule basin_part as candidate_basin_part with:
+    input:
+        scene=candidate("sail.yaml"),
+        tables=[f"{CONFIRMED}/{cell}/modal.h5" for cell in ("te", "tm")],
+        sources=sources("dynamics.basin"),
+    output:
+        f"{CONFIRMED}/basin/{{incidence}}/part{{part}}.h5",
+    log:
+        "results/logs/screening/{family}/{place}/basin/{incidence}/part{part}.log",
+    benchmark:
+        "results/benchmarks/screening/{family}/{place}/basin/{incidence}/part{part}.tsv"
+    message:
+        "Basin of candidate {wildcards.place} of {wildcards.family}, part {wildcards.part}"
+
+
+use rule basin as candidate_basin with:
+    input:
+        scene=candidate("sail.yaml"),
+        tables=[f"{CONFIRMED}/{cell}/modal.h5" for cell in ("te", "tm")],
+        parts=[f"{CONFIRMED}/basin/{{incidence}}/part{i}.h5" for i in range(1, plan.config.basin_parts + 1)],
+        sources=sources("dynamics.basin"),
+    output:
+        f"{CONFIRMED}/basin/{{incidence}}.h5",
+    log:
+        "results/logs/screening/{family}/{place}/basin/{incidence}.log",
+    benchmark:
+        "results/benchmarks/screening/{family}/{place}/basin/{incidence}.tsv"
+    message:
+        "Basin of candidate {wildcards.place} of {wildcards.family}"
 
 
 use rule flight as candidate_flight with:
