@@ -178,7 +178,8 @@ def _mirror(scene: Scene, mesh: Mesh, tables: dict[str, PressureTable], effects:
     kinds = np.array([designs.index(r.design) if r.design else -1 for r in scene.sail.regions])[mesh.sector]
     centres = mesh.nodes[mesh.triangles].mean(axis=1)
     return reflections.Mirror(
-        tree=tree.plant(centres if on else centres[:0]), kind=kinds if on else kinds[:0], bounces=given.bounces,
+        tree=tree.plant(centres if on else centres[:0]), kind=kinds if on else kinds[:0],
+        last=np.array([tables[design].u[-1] for design in designs] if on else [], float), bounces=given.bounces,
         rays=given.rays_a_side, cutoff=given.cutoff, least=1e-9 * float(np.ptp(mesh.nodes, axis=0).max()),
     )
 

@@ -28,13 +28,14 @@ LEAVES, THROUGH, ABSORBED, GIVEN_UP, HITS, MOMENTUM = range(6)
 class Mirror(NamedTuple):
     """The sail as mirrors; no triangles where reflections are off.
 
-    kind (t,): table of each triangle, or −1 for constant response. bounces: hits of a ray, at most. rays: sub-triangles
-    a side, each of which sends a ray. cutoff: share of the first power below which a ray is given up. least: distance
-    in m that a ray must go between hits.
+    kind (t,): table of each triangle, or −1 for constant response. last: largest sine in each table. bounces: hits of a
+    ray, at most. rays: sub-triangles a side, each of which sends a ray. cutoff: share of the first power below which a
+    ray is given up. least: distance in m that a ray must go between hits.
     """
 
     tree: Tree
     kind: Integers
+    last: Floats
     bounces: int
     rays: int
     cutoff: float
@@ -56,20 +57,21 @@ class MirrorWork(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def response(light: Light, kind: int, i: int, cosine: float) -> tuple[float, float]:
+def response(mirror: Mirror, light: Light, i: int, cosine: float) -> tuple[float, float]:
     """Reflectance and absorptance of triangle i for light at that cosine of incidence; see `optical` for films.
 
     A film's table holds q_n = (2R + a) cos and, along the light, a sin.
     """
+    kind = mirror.kind[i]
     if kind < 0:
         return light.reflectance[i], light.absorptance[i]
     sine = math.sqrt(max(1.0 - cosine * cosine, 0.0))
-    film = table(light.tables, kind)
-    along, _, normal, absorbed, _ = lookup(film, sine, 0.0)
-    loss = along / min(sine, film.u[-1]) if sine > 1e-6 else absorbed
+    last = mirror.last[kind]
+    along, _, normal, absorbed, _ = lookup(table(light.tables, kind), sine, 0.0)
+    loss = along / min(sine, last) if sine > 1e-6 else absorbed
     heat = light.absorptance[i] if light.absorptance[i] >= 0.0 else absorbed
     # Beyond the table's last sine the ratio would no longer be that of one direction
-    at = max(cosine, math.sqrt(max(1.0 - film.u[-1] * film.u[-1], 1e-12)))
+    at = max(cosine, math.sqrt(max(1.0 - last * last, 1e-12)))
     return min(max(0.5 * (normal / at - loss), 0.0), 1.0 - heat), heat
 
 
@@ -80,7 +82,7 @@ def _strike(
     """Force and heat of a ray on triangle j; turns the direction and returns the power that goes on."""
     n0, n1, n2 = frame[0, j], frame[1, j], frame[2, j]
     across = direction[0] * n0 + direction[1] * n1 + direction[2] * n2
-    share, loss = response(light, mirror.kind[j], j, min(abs(across), 1.0))
+    share, loss = response(mirror, light, j, min(abs(across), 1.0))
     scale, push = power / LIGHT_SPEED, 2.0 * share * across
     work.force[0, j] += scale * (push * n0 + loss * direction[0])
     work.force[1, j] += scale * (push * n1 + loss * direction[1])
@@ -175,7 +177,7 @@ def bounce(
     for k in range(work.account.size):
         work.account[k] = 0.0
     for i in range(work.heat.size):
-        share, _ = response(light, mirror.kind[i], i, abs(held.frame[2, i]))
+        share, _ = response(mirror, light, i, abs(held.frame[2, i]))
         power = share * held.incident[i]
         if power > 0.0:
             _send(mirror, work, light, held.frame, x, i, power, gone)
