@@ -26,7 +26,7 @@ _U_SPACING, _V_SPACING = 0.0025, 0.0075
 
 
 class Solved(Protocol):
-    """What a row needs to know of a solved direction (see `optics.fdtd.DirectionResult`)."""
+    """What a row needs to know of a solved direction (see `optics.fdtd_direction.DirectionResult`)."""
 
     @property
     def q(self) -> Floats: ...  # noqa: D102

@@ -9,7 +9,8 @@ import pytest
 
 from optics import modal, thin_film
 from optics.cells import Index, Layer, Metagrating, ThinFilm
-from optics.fdtd import solve_direction, solve_part
+from optics.fdtd import solve_part
+from optics.fdtd_direction import solve_direction
 from optics.fdtd_grid import FdtdSettings
 from optics.fdtd_parts import read_rows
 from optics.incidence import electric_vector

@@ -1,0 +1,136 @@
+"""One direction by FDTD at rising resolutions: the extrapolated pressure and the error to expect of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from optics.cells import Surroundings
+from optics.fdtd_efficiencies import Efficiencies, efficiencies
+from optics.fdtd_grid import FdtdSettings, pixels
+from optics.fdtd_run import Decay
+from optics.files import InputError, Stopwatch
+from optics.incidence import Floats, order_cosines, wave_vector
+from optics.momentum import pressure
+from optics.outline import Grating, polygons
+
+# No direction is better than this, whatever two resolutions say: what absorbers and the rest of the pulse leave.
+_ERROR_FLOOR = 2e-4
+_GRAZING = 0.1
+# Extrapolation triples what is missing of either resolution (2 b − a for a ratio of √2).
+_RESIDUAL_SHARE = 3.0
+
+
+@dataclass(frozen=True)
+class DirectionResult:
+    """One direction solved.
+
+    q (3,) in (g, r, n); absorptance; error: estimated absolute error of q (> 0); energy_imbalance: 1 − R − T of the
+    finest run (minus what the material absorbs, if that was solved for); stress: largest difference of q_g and q_n from
+    those by Meep's stress monitors; residual: relative change of the fields that was still to come when the run was
+    stopped; capped: it was stopped by the longest time allowed; resolutions: pixels per µm used; grazing: smallest |w|
+    of any order.
+    """
+
+    q: Floats
+    absorptance: float
+    error: float
+    energy_imbalance: float
+    stress: float
+    residual: float
+    capped: bool
+    seconds: float
+    resolutions: tuple[float, ...]
+    grazing: float
+
+
+def check_cell(cell: Grating, u: float, v: float) -> None:
+    """Refuse what this solver can't do."""
+    if cell.surroundings != Surroundings():
+        raise InputError(f"{cell.name}: surroundings = {cell.surroundings}: FDTD takes vacuum (1.0) on both sides")
+    for _, epsilon in polygons(cell):
+        if epsilon.real < 1:
+            raise InputError(
+                f"{cell.name}: index: permittivity {epsilon:.4g}: FDTD at one frequency is stable for a real part of 1 "
+                "or more; take optics.modal for metals"
+            )
+    if not u**2 + v**2 < 1:
+        raise InputError(f"{cell.name}: direction u = {u:g}, v = {v:g} is evanescent: u² + v² must be below 1")
+
+
+def grazing(cell: Grating, u: float, v: float) -> float:
+    """Smallest |w| of the diffraction orders: absorbers take light or near fields at less than ~0.1 badly."""
+    most = int(np.ceil(2 / cell.pitch))
+    return float(np.abs(order_cosines(u, v, cell.pitch, np.arange(-most, most + 1))[1]).min())
+
+
+def _values(u: float, v: float, result: Efficiencies) -> tuple[Floats, float]:
+    """[q_g, q_n, absorptance, and q_g, q_n from the stress] (5,) and 1 − R − T.
+
+    The absorptance of weak absorption comes from the field energy.
+    """
+    w = wave_vector(u, v)[2]
+    q, lost = pressure(u, v, w, result.u_m, result.w_m, result.w_m, result.reflected, result.transmitted)
+    weak = np.isfinite(result.absorptance)
+    absorptance = result.absorptance if weak else float(lost)
+    return np.array([q[0], q[2], absorptance, *result.stress]), float(lost) if weak else 0.0
+
+
+def solve_direction(cell: Grating, u: float, v: float, settings: FdtdSettings) -> DirectionResult:
+    """Solve one direction with rising resolution until the error estimated meets the tolerance."""
+    check_cell(cell, u, v)
+    watch = Stopwatch()
+    done: list[tuple[int, Floats]] = []
+    decay = Decay(0.0, False)
+    for resolution in settings.resolutions_per_um:
+        result = efficiencies(cell, u, v, resolution, settings)
+        decay = decay.worse(result.decay)
+        _refuse_ringing(cell, u, v, result.decay, settings)
+        values, imbalance = _values(u, v, result)
+        done.append((pixels(cell, resolution), values))
+        if len(done) < min(3, len(settings.resolutions_per_um)):
+            continue
+        best, error = estimate(done)
+        error += _RESIDUAL_SHARE * decay.residual
+        if error <= settings.tolerance:
+            break
+    return DirectionResult(
+        q=np.array([best[0], v * best[2], best[1]]), absorptance=float(best[2]), error=error,
+        energy_imbalance=imbalance, stress=float(np.abs(best[:2] - best[3:]).max()), residual=decay.residual,
+        capped=decay.capped, seconds=watch.seconds, resolutions=tuple(n / cell.period_nm * 1000 for n, _ in done),
+        grazing=grazing(cell, u, v),
+    )
+
+
+def _refuse_ringing(cell: Grating, u: float, v: float, decay: Decay, settings: FdtdSettings) -> None:
+    """InputError where a run was cut off so early that what it misses exceeds the tolerance."""
+    if decay.capped and _RESIDUAL_SHARE * decay.residual > settings.tolerance:
+        raise InputError(
+            f"{cell.name} at u = {u:g}, v = {v:g}: the fields still ring after {settings.longest:g} periods (longest): "
+            f"residual {decay.residual:.2g}, allowed {settings.tolerance / _RESIDUAL_SHARE:.2g}; a sharp resonance: "
+            "raise 'longest', or use optics.modal"
+        )
+
+
+def estimate(done: Sequence[tuple[int, Floats]]) -> tuple[Floats, float]:
+    """Extrapolated value (k,) of the finest of two or more (pixels, values), and the error of the first two of them.
+
+    Of one pair the error is taken to be the correction that it applies. From three resolutions on it is half of the
+    change from one pair's value to the next pair's: what is left of an error of third to fourth order (0.54 to 0.33 of
+    the change, resolutions rising by √2); not less than a tenth of the correction, as two pairs may agree by chance.
+    """
+    best, correction = extrapolate(done[-2], done[-1])
+    error = float(correction[:2].max())
+    if len(done) > 2:
+        change = float(np.abs(best - extrapolate(done[-3], done[-2])[0])[:2].max())
+        error = min(error, max(change / 2, error / 10))
+    return best, max(error, _ERROR_FLOOR)
+
+
+def extrapolate(coarse: tuple[int, Floats], fine: tuple[int, Floats]) -> tuple[Floats, Floats]:
+    """Richardson's second-order value (k,) from two (pixels, values), and the size (k,) of its correction."""
+    (n, a), (m, b) = coarse, fine
+    correction = (b - a) * n**2 / (m**2 - n**2)
+    return b + correction, np.abs(correction)
