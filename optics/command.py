@@ -8,14 +8,19 @@ from optics.files import InputError, check_out
 
 
 def table_arguments(
-    module: str, description: str, tolerance: float, u_max: float, v_max: bool = True
+    module: str, description: str, tolerance: float, u_max: float, v_max: bool = True, slices: int | None = None
 ) -> argparse.Namespace:
-    """Checked --cell, --out, --u-max, --tolerance and, for gratings, --v-max of `python -m module`.
+    """Checked --cell, --out, --u-max, --tolerance and, for gratings, --v-max of `python -m module`; --slices if given.
 
     The numbers are defaults.
     """
     parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
     add_table_arguments(parser, tolerance, u_max, v_max)
+    if slices is not None:
+        parser.add_argument(
+            "--slices", type=int, choices=range(1, 1001), default=slices, metavar="N",
+            help="layers that walls which are not upright are cut into (default %(default)s)",
+        )
     return checked(parser.parse_args())
 
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -24,15 +23,13 @@ from threadpoolctl import threadpool_limits
 
 from optics.command import add_table_arguments, check_range, checked
 from optics.fdtd_adaptive import adapt
-from optics.fdtd_direction import check_cell, grazing, solve_direction
+from optics.fdtd_direction import check_cell, check_grazing, solve_direction
 from optics.fdtd_grid import FdtdSettings
 from optics.fdtd_parts import Rows, block, merge, read_rows, write_rows
 from optics.fdtd_run import import_meep
 from optics.files import InputError, progress, run_stage, validate
 from optics.incidence import Floats
 from optics.outline import Grating, read_grating
-
-_GRAZING = 0.1
 
 
 def solve_rows(cell: Grating, directions: Floats, settings: FdtdSettings, path: Path, what: str = "FDTD") -> Rows:
@@ -103,16 +100,6 @@ def _arguments() -> argparse.Namespace:
     return checked(parser.parse_args())
 
 
-def _warn_of_grazing(cell: Grating, directions: Floats) -> None:
-    close = [(u, v) for u, v in directions if grazing(cell, u, v) < _GRAZING]
-    if close:
-        print(
-            f"note: {cell.name}: at {len(close)} directions, the first u = {close[0][0]:g}, v = {close[0][1]:g}, a "
-            f"diffraction order grazes (|w| < {_GRAZING}) and the absorbers damp it badly; it is recorded as 'grazing'",
-            file=sys.stderr,
-        )
-
-
 def _table(cell: Grating, settings: FdtdSettings, arguments: argparse.Namespace, out: Path) -> None:
     """Solve everything and write the table; the rows are kept beside it until it is written."""
     rows = out.with_name(f"{out.name}.rows.h5")
@@ -145,7 +132,8 @@ def main() -> None:
             return
         i, n = _part(arguments.part)
         directions = block(*read_nodes(arguments.nodes, cell), i, n)
-        _warn_of_grazing(cell, directions)
+        for u, v in directions:
+            check_grazing(cell, u, v)
         solve_part(cell, directions, settings, out, f"part {i}/{n} of FDTD")
 
 

@@ -19,6 +19,10 @@ from optics.outline import Grating, polygons
 # No direction is better than this, whatever two resolutions say: what absorbers and the rest of the pulse leave.
 _ERROR_FLOOR = 2e-4
 _GRAZING = 0.1
+# Closer to a cut-off q errs by 2e-2 and more (TM cell, u = 0.211, |w| = 0.045), and the estimate doesn't see it.
+_GRAZING = 0.1
+# Orders at less than this need more of an absorber, up to twice.
+_STEEP = 0.5
 # Extrapolation triples what is missing of either resolution (2 b − a for a ratio of √2).
 _RESIDUAL_SHARE = 3.0
 
@@ -61,9 +65,19 @@ def check_cell(cell: Grating, u: float, v: float) -> None:
 
 
 def grazing(cell: Grating, u: float, v: float) -> float:
-    """Smallest |w| of the diffraction orders: absorbers take light or near fields at less than ~0.1 badly."""
+    """Smallest |w| of the diffraction orders, propagating or evanescent."""
     most = int(np.ceil(2 / cell.pitch))
     return float(np.abs(order_cosines(u, v, cell.pitch, np.arange(-most, most + 1))[1]).min())
+
+
+def check_grazing(cell: Grating, u: float, v: float) -> None:
+    """Refuse a direction with an order so close to its cut-off that no absorber of reasonable thickness takes it."""
+    smallest = grazing(cell, u, v)
+    if smallest < _GRAZING:
+        raise InputError(
+            f"{cell.name} at u = {u:g}, v = {v:g}: a diffraction order grazes, |w| = {smallest:.2g}: must be at least "
+            f"{_GRAZING:g}, the absorbers would send it back; choose other directions, or use optics.modal"
+        )
 
 
 def _values(u: float, v: float, result: Efficiencies) -> tuple[Floats, float]:
@@ -81,11 +95,13 @@ def _values(u: float, v: float, result: Efficiencies) -> tuple[Floats, float]:
 def solve_direction(cell: Grating, u: float, v: float, settings: FdtdSettings) -> DirectionResult:
     """Solve one direction with rising resolution until the error estimated meets the tolerance."""
     check_cell(cell, u, v)
+    check_grazing(cell, u, v)
+    thicker = float(np.clip(_STEEP / grazing(cell, u, v), 1.0, 2.0))
     watch = Stopwatch()
     done: list[tuple[int, Floats]] = []
     decay = Decay(0.0, False)
     for resolution in settings.resolutions_per_um:
-        result = efficiencies(cell, u, v, resolution, settings)
+        result = efficiencies(cell, u, v, resolution, settings, thicker)
         decay = decay.worse(result.decay)
         _refuse_ringing(cell, u, v, result.decay, settings)
         values, imbalance = _values(u, v, result)
@@ -117,15 +133,15 @@ def _refuse_ringing(cell: Grating, u: float, v: float, decay: Decay, settings: F
 def estimate(done: Sequence[tuple[int, Floats]]) -> tuple[Floats, float]:
     """Extrapolated value (k,) of the finest of two or more (pixels, values), and the error of the first two of them.
 
-    Of one pair the error is taken to be the correction that it applies. From three resolutions on it is half of the
-    change from one pair's value to the next pair's: what is left of an error of third to fourth order (0.54 to 0.33 of
-    the change, resolutions rising by √2); not less than a tenth of the correction, as two pairs may agree by chance.
+    Of one pair the error is taken to be the correction that it applies. From three resolutions on it is the change from
+    one pair's value to the next pair's, two to three times what is left of an error of third or fourth order; not less
+    than a tenth of the correction, as two pairs may agree by chance.
     """
     best, correction = extrapolate(done[-2], done[-1])
     error = float(correction[:2].max())
     if len(done) > 2:
         change = float(np.abs(best - extrapolate(done[-3], done[-2])[0])[:2].max())
-        error = min(error, max(change / 2, error / 10))
+        error = min(error, max(change, error / 10))
     return best, max(error, _ERROR_FLOOR)
 
 

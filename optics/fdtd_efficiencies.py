@@ -77,12 +77,16 @@ class Efficiencies:
     decay: Decay
 
 
-def efficiencies(cell: Grating, u: float, v: float, resolution: float, settings: FdtdSettings) -> Efficiencies:
+def efficiencies(
+    cell: Grating, u: float, v: float, resolution: float, settings: FdtdSettings, thicker: float = 1.0
+) -> Efficiencies:
     """Efficiencies of all propagating orders for one direction at one resolution (pixels per µm).
+
+    `thicker` is the absorbers' thickness in units of the settings'.
 
     Weak absorption: a = ω ∫ Im ε |E|² dA / P of the lossless structure (first-order perturbation, Jackson §6.8).
     """
-    grid = layout(cell, resolution, settings)
+    grid = layout(cell, resolution, settings, thicker)
     incident = incident_wave(cell, u, v, grid, settings)
     run = Run(cell, u, v, grid, settings)
     try:

@@ -53,12 +53,15 @@ def pixels(cell: Grating, resolution: float) -> int:
     return max(8, round(resolution * cell.period_nm / 1000))
 
 
-def layout(cell: Grating, resolution: float, settings: FdtdSettings) -> Layout:
-    """The grid nearest to `resolution` (pixels per µm) on which the period is a whole number of pixels."""
+def layout(cell: Grating, resolution: float, settings: FdtdSettings, thicker: float = 1.0) -> Layout:
+    """The grid nearest to `resolution` (pixels per µm) on which the period is a whole number of pixels.
+
+    The absorbers are `thicker` times as thick as the settings say.
+    """
     period, wavelength = cell.period_nm / 1000, cell.wavelength_nm / 1000
     n_x = pixels(cell, resolution)
     pixel = period / n_x
-    absorber = max(6, round(settings.absorber * wavelength / pixel))
+    absorber = max(6, round(thicker * settings.absorber * wavelength / pixel))
     padding = max(4, round(settings.padding * wavelength / pixel))
     structure = int(np.ceil(depth_nm(cell) / 1000 / pixel - 1e-9))
     n_y = 2 * (absorber + padding + 2) + structure

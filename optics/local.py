@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
-from optics.cells import Metagrating
+from optics.cells import LamellarStack, Metagrating
 from optics.derivatives import derivatives
 from optics.files import InputError, atomic, check_out, progress, run_stage, validate
 from optics.incidence import Floats
@@ -34,7 +34,7 @@ COLUMNS = (
 SCHEMA = pa.schema([("cell", pa.int64()), *((name, pa.float64()) for name in COLUMNS), ("order", pa.int64())])
 
 
-def slopes(cell: Metagrating, order: int) -> tuple[Floats, Floats]:
+def slopes(cell: Metagrating | LamellarStack, order: int) -> tuple[Floats, Floats]:
     """Value q (3,) and its gradient (3, 2) at normal incidence with diffraction orders −order … order.
 
     Along v the response is even but for q_r = v a: momentum along the ridges is lost to absorption alone. At a Rayleigh
@@ -47,7 +47,7 @@ def slopes(cell: Metagrating, order: int) -> tuple[Floats, Floats]:
     return found.q, np.stack([found.q_dot[0], [0.0, found.absorptance, 0.0]], axis=1)
 
 
-def normal_response(cell: Metagrating, order: int) -> NormalResponse:
+def normal_response(cell: Metagrating | LamellarStack, order: int) -> NormalResponse:
     """Response of a cell; errors: the largest change of a value, or a slope, from half and 0.7 of the orders."""
     q, gradient = slopes(cell, order)
     rough = [slopes(cell, int(np.ceil(share * order))) for share in COARSER]

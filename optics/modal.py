@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from optics.cells import Metagrating, read_metagrating
+from optics.cells import LamellarStack, Metagrating
 from optics.command import check_range, table_arguments
 from optics.files import InputError, Stopwatch, run_stage, versions
 from optics.incidence import Floats
@@ -17,6 +17,7 @@ from optics.lamellar import Response as Response
 from optics.lamellar import solve as solve
 from optics.local import normal_response
 from optics.normal import ATTRIBUTE
+from optics.outline import SLICES, polygons, read_grating, upright
 from optics.refinement import Refined, first_lines, refine, start
 from optics.strips import Curves, breaks, rayleigh_curves
 from optics.table import PARITY, Cutoffs, PressureTable
@@ -33,14 +34,16 @@ def _quantities(response: Response) -> Floats:
     return np.concatenate([np.moveaxis(response.q, -1, 0), response.absorptance[None]])
 
 
-def window_curves(cell: Metagrating, u_max: float, v_max: float) -> Curves:
+def window_curves(cell: Metagrating | LamellarStack, u_max: float, v_max: float) -> Curves:
     """Cut-offs within the window, of both half-spaces."""
     # Where a half-space carries no waves at the largest v its cut-offs close within the table: left to refinement.
     indices = tuple(n for n in (cell.surroundings.front, cell.surroundings.back) if n > v_max)
     return rayleigh_curves(cell.pitch, indices, -u_max, u_max, v_max)
 
 
-def choose_nodes(cell: Metagrating, u_max: float, v_max: float, tolerance: float, order: int) -> Refined:
+def choose_nodes(
+    cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float, order: int
+) -> Refined:
     """Directions at which interpolation meets `tolerance`, solved with the given `order`."""
 
     def response(u: Floats, v: Floats) -> Floats:
@@ -57,7 +60,7 @@ def choose_nodes(cell: Metagrating, u_max: float, v_max: float, tolerance: float
     return refine(start(response, curves, u, v, PARITY), tolerance, f"modal {cell.name}")
 
 
-def choose_order(cell: Metagrating, u: Floats, v: Floats, tolerance: float) -> int:
+def choose_order(cell: Metagrating | LamellarStack, u: Floats, v: Floats, tolerance: float) -> int:
     """Fewest orders whose error is below `tolerance` at 95 % of u × v.
 
     It is seen against 1.5 times as many orders (the next but one step), which still have 0.4 of it, as N⁻² falls.
@@ -72,7 +75,7 @@ def choose_order(cell: Metagrating, u: Floats, v: Floats, tolerance: float) -> i
     raise InputError(f"tolerance = {tolerance:g}: not reached with ±{_LADDER[-3]} diffraction orders; allow more")
 
 
-def order_error(cell: Metagrating, u: Floats, v: Floats, order: int, q: Floats) -> Floats:
+def order_error(cell: Metagrating | LamellarStack, u: Floats, v: Floats, order: int, q: Floats) -> Floats:
     """Estimated error (n_u, n_v) of q from truncation, from what fewer orders give.
 
     Half the changes from 0.7 and 0.6 of the orders and a quarter from half. Errors fall between N⁻² and N⁻³,
@@ -86,7 +89,7 @@ def order_error(cell: Metagrating, u: Floats, v: Floats, order: int, q: Floats) 
     return np.asarray(sum(changes) + 1e-13)
 
 
-def make_table(cell: Metagrating, u_max: float, v_max: float, tolerance: float) -> PressureTable:
+def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float) -> PressureTable:
     """Pressure table over |u| ≤ u_max, |v| ≤ v_max, its orders and directions chosen for an error near `tolerance`."""
     watch = Stopwatch()
     order = choose_order(cell, np.linspace(-u_max, u_max, 24), v_max * np.array([0.0, 0.5, 1.0]), tolerance)
@@ -95,11 +98,12 @@ def make_table(cell: Metagrating, u_max: float, v_max: float, tolerance: float) 
     q, absorptance = found.nodes[:3], found.nodes[3]
     error = order_error(cell, found.u, found.v, order, np.moveaxis(q, 0, -1)) + refined.error
     cutoffs = Cutoffs(found.curves, found.on_curves[:3], found.on_curves[3]) if len(found.curves) else None
+    lossless = all(epsilon.imag == 0 for _, epsilon in polygons(cell))
     attrs = {
         "name": cell.name, "solver": "modal", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
         "settings": {"u_max": u_max, "v_max": v_max, "tolerance": tolerance, "orders": order},
         "cutoffs": rayleigh_cutoffs(cell.pitch, u_max, index=cell.surroundings.front),
-        "energy_imbalance": float(np.abs(absorptance).max() if cell.index.k == 0 else max(0.0, -absorptance.min())),
+        "energy_imbalance": float(np.abs(absorptance).max() if lossless else max(0.0, -absorptance.min())),
         ATTRIBUTE: normal_response(cell, order).as_dict(),
         "wall_seconds": watch.seconds, "versions": versions("numpy", "scipy"),
     }
@@ -108,8 +112,9 @@ def make_table(cell: Metagrating, u_max: float, v_max: float, tolerance: float) 
 
 def main() -> None:
     """Command line: see the module docstring."""
-    arguments = table_arguments("optics.modal", "Pressure table of a grating by the Fourier modal method", 1e-4, 0.4227)
-    cell = read_metagrating(arguments.cell)
+    what = "Pressure table of a grating by the Fourier modal method"
+    arguments = table_arguments("optics.modal", what, 1e-4, 0.4227, slices=SLICES)
+    cell = upright(read_grating(arguments.cell), arguments.slices)
     check_range(cell.surroundings.front, arguments.u_max, arguments.v_max)
     with threadpool_limits(1):
         make_table(cell, arguments.u_max, arguments.v_max, arguments.tolerance).write(arguments.out)

@@ -8,21 +8,21 @@ from __future__ import annotations
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from optics.cells import Metagrating, read_metagrating
 from optics.command import check_range, table_arguments
 from optics.files import run_stage, write_json
 from optics.modal import solve
+from optics.outline import Grating, read_grating, upright
 from optics.sampling import choose_nodes
 
 _SPACING = 0.002
 _ORDER = 12
 
 
-def fdtd_nodes(cell: Metagrating, u_max: float, v_max: float, tolerance: float) -> dict[str, object]:
+def fdtd_nodes(cell: Grating, u_max: float, v_max: float, tolerance: float) -> dict[str, object]:
     """Tensor nodes from which interpolation of the modal response meets `tolerance`: {'name', 'u', 'v', …}."""
     u = np.linspace(-u_max, u_max, 2 * int(np.ceil(u_max / _SPACING)) + 1)
     v = np.linspace(0.0, v_max, 13)
-    q = solve(cell, u, v, _ORDER).q[..., [0, 2]]
+    q = solve(upright(cell), u, v, _ORDER).q[..., [0, 2]]
     u_nodes, v_nodes = choose_nodes(u, v, q, tolerance)
     return {"name": cell.name, "u": u_nodes.tolist(), "v": v_nodes.tolist(), "tolerance": tolerance}
 
@@ -30,7 +30,7 @@ def fdtd_nodes(cell: Metagrating, u_max: float, v_max: float, tolerance: float) 
 def main() -> None:
     """Command line: see the module docstring."""
     arguments = table_arguments("optics.nodes", "Directions for FDTD to solve", 1e-2, 0.18)
-    cell = read_metagrating(arguments.cell)
+    cell = read_grating(arguments.cell)
     check_range(cell.surroundings.front, arguments.u_max, arguments.v_max)
     with threadpool_limits(1):
         write_json(arguments.out, fdtd_nodes(cell, arguments.u_max, arguments.v_max, arguments.tolerance))

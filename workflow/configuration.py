@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field
 
 from dynamics.attitude import rotation_from_angles
 from dynamics.scene import Scene, read_scene
-from optics.cells import Cell, Metagrating, read_cell
+from optics.cells import Cell, ThinFilm, read_cell
 from optics.files import InputError, Strict, load_yaml, validate
 
 SOURCE = "workflow/config.yaml"
@@ -73,8 +73,8 @@ class Plan:
 
     @property
     def gratings(self) -> list[str]:
-        """Designs that are metagratings."""
-        return [name for name, cell in self.cells.items() if isinstance(cell, Metagrating)]
+        """Designs that are gratings of any kind."""
+        return [name for name, cell in self.cells.items() if not isinstance(cell, ThinFilm)]
 
     @property
     def films(self) -> list[str]:
@@ -108,7 +108,7 @@ class Plan:
     def film(self, design: str) -> bool:
         """Is a design, of the configuration or any other in workflow/designs, a plain film?"""
         cell = self.cells.get(design) or _read_cell(self.folder, design)
-        return not isinstance(cell, Metagrating)
+        return isinstance(cell, ThinFilm)
 
     def table(self, design: str, solver: str) -> str:
         """Path of a design's pressure table; a film's comes from the transfer matrix whatever the `solver`."""
@@ -211,7 +211,7 @@ def _refuse(plan: Plan) -> None:
     """InputError where the parts of the configuration contradict each other."""
     for i, design in enumerate(plan.config.fdtd_designs):
         if design not in plan.gratings:
-            raise InputError(f"{SOURCE}: fdtd_designs.{i} = {design!r}: must be a metagrating; FDTD solves no films")
+            raise InputError(f"{SOURCE}: fdtd_designs.{i} = {design!r}: must be a grating; FDTD solves no films")
     _refuse_tables(plan)
     _refuse_ranges(plan)
     _refuse_tilts(plan)

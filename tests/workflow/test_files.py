@@ -113,7 +113,7 @@ def test_scenes_fly_on_the_tables_that_the_configuration_names():
         ({"fdtd_grid": {"u_max": 1.2, "v_max": 0.1, "tolerance": 0.01}}, r"fdtd_grid.u_max = 1.2: must be less than 1"),
         ({"rigid": ["fig7"]}, r"scenes/fig7.yaml: no such file"),
         ({"designs": ["gold"]}, r"designs/gold.yaml: no such file"),
-        ({"fdtd_designs": ["si43"]}, r"fdtd_designs.0 = 'si43': must be a metagrating"),
+        ({"fdtd_designs": ["si43"]}, r"fdtd_designs.0 = 'si43': must be a grating"),
         ({"tables": "fdtd", "fdtd_designs": []}, r"tables = 'fdtd': scene '\w+' has no FDTD table of 'mark1e_tm'"),
         ({"modal": {**WIDE, "u_max": 0.8, "v_max": 0.6}}, r"yaml: modal: u_max² \+ v_max² = 1: must be less than 1"),
         ({"fdtd_grid": {**WIDE, "u_max": 0.8, "v_max": 0.7}}, r"config.yaml: fdtd_grid: u_max² \+ v_max² = 1.13"),
