@@ -80,7 +80,7 @@ def check_grazing(cell: Grating, u: float, v: float) -> None:
         )
 
 
-def _values(u: float, v: float, result: Efficiencies) -> tuple[Floats, float]:
+def values(u: float, v: float, result: Efficiencies) -> tuple[Floats, float]:
     """[q_g, q_n, absorptance, and q_g, q_n from the stress] (5,) and 1 − R − T.
 
     The absorptance of weak absorption comes from the field energy.
@@ -104,8 +104,8 @@ def solve_direction(cell: Grating, u: float, v: float, settings: FdtdSettings) -
         result = efficiencies(cell, u, v, resolution, settings, thicker)
         decay = decay.worse(result.decay)
         _refuse_ringing(cell, u, v, result.decay, settings)
-        values, imbalance = _values(u, v, result)
-        done.append((pixels(cell, resolution), values))
+        found, imbalance = values(u, v, result)
+        done.append((pixels(cell, resolution), found))
         if len(done) < min(3, len(settings.resolutions_per_um)):
             continue
         best, error = estimate(done)

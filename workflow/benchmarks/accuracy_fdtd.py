@@ -1,0 +1,69 @@
+"""Error against CPU time of FDTD: plain Meep, this project's runs at one resolution, and their pairs.
+
+Error of q_g and q_n against the modal method with ±120 orders; the time of a pair is that of both of its runs.
+
+    python workflow/benchmarks/accuracy_fdtd.py --out accuracy_fdtd.csv
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+from plain_meep import plain, pressure
+from rows import CELLS, DESIGNS, Row, directions, write
+from threadpoolctl import threadpool_limits
+
+from optics.cells import Metagrating, read_metagrating
+from optics.fdtd_direction import extrapolate
+from optics.fdtd_grid import pixels
+from optics.fdtd_run import import_meep
+from optics.files import progress, run_stage
+from optics.lamellar import solve
+
+RESOLUTIONS = (14.0, 20.0, 28.0, 40.0, 56.0)
+TRUTH = 120
+
+
+def ladder(cell: Metagrating, u: float, v: float, way: str) -> Iterator[tuple[str, str, np.ndarray, float]]:
+    """(solver, setting, q (2,), CPU seconds) of every resolution, and of pairs of neighbours."""
+    before = None
+    for resolution in RESOLUTIONS:
+        start = time.process_time()
+        with plain() if way == "Meep, plain" else nullcontext():
+            q = pressure(cell, u, v, resolution)
+        spent = time.process_time() - start
+        yield way, f"{resolution:g}/µm", q, spent
+        now = pixels(cell, resolution), q
+        if before is not None and way == "Meep":
+            pair, earlier = before
+            yield "Meep, pair", f"to {resolution:g}/µm", extrapolate(pair, now)[0], earlier + spent
+        before = now, spent
+
+
+def rows() -> Iterator[Row]:
+    """Every cell, direction and setting."""
+    import_meep()  # takes a second, which belongs to no direction
+    cases = [(name, *where, way) for name in CELLS for where in directions(name) for way in ("Meep", "Meep, plain")]
+    for name, where, u, v, way in progress(cases, "FDTD", unit="direction"):
+        cell = read_metagrating(DESIGNS / f"{name}.yaml")
+        truth = solve(cell, np.array([u]), np.array([v]), TRUTH).q[0, 0, [0, 2]]
+        for solver, setting, q, spent in ladder(cell, u, v, way):
+            yield Row(solver, name, where, setting, float(np.abs(q - truth).max()), spent)
+
+
+def main() -> None:
+    """Write the rows."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", required=True, type=Path)
+    arguments = parser.parse_args()
+    with threadpool_limits(1):
+        write(arguments.out, rows())
+
+
+if __name__ == "__main__":
+    run_stage(main)
