@@ -23,7 +23,7 @@ from dynamics.command import stage_arguments
 from dynamics.derivatives import COLUMNS, ROWS, error_modes, imbalance, linearise
 from dynamics.linear import RESOLUTION, LinearModel, growth, margin
 from dynamics.rigid_body import rigid_body
-from dynamics.sail import load_tables, provenance
+from dynamics.sail import load_tables, provenance, require_own_polarisation
 from optics.files import InputError, run_stage, versions, write_json
 from optics.table import PressureTable
 
@@ -107,6 +107,7 @@ def analyse(scene: scenes.Scene, tables: dict[str, PressureTable]) -> Stability:
     """
     if scene.beam.intensity_W_m2 == 0.0:
         raise InputError(f"{scene.name}.yaml: beam.intensity_W_m2 = 0: must be above 0 for a stability analysis")
+    require_own_polarisation(scene, "a stability analysis")
     body = rigid_body(scene, tables, lookup="smooth")
     share = imbalance(scene, tables, body)
     if share > 1e-6:

@@ -31,7 +31,7 @@ from dynamics.lattice import Floats
 from dynamics.mesh import sail_mesh
 from dynamics.mesh_checks import check_shadow
 from dynamics.model import Membrane, build, initial_state, work_space
-from dynamics.sail import check_release, load_tables, provenance
+from dynamics.sail import check_release, load_tables, provenance, require_own_polarisation
 from dynamics.scene import Scene, plan, read_scene
 from optics.compiled import digest
 from optics.files import Stopwatch, progress, run_stage, write_json
@@ -285,6 +285,7 @@ def main() -> None:
     given = stage_arguments("dynamics.membrane", main.__doc__, "VTKHDF file to write", options=more)
     out = Path(given.out)
     scene = read_scene(given.scene)
+    require_own_polarisation(scene, "a flexible flight")
     tables = load_tables(given.tables, scene)
     check_release(scene, tables)
     if given.plan:

@@ -100,16 +100,19 @@ def rigid_body(
     units = normal_units(shape, scene.beam.intensity_W_m2)
     nearest = (lookup or scene.lookup) == "nearest"
     sail = _arrays(shape, units, tables, scene.beam, quadrature)
-    return RigidBody(shape, units, sail, _light(scene, units), _tables(tables, nearest))
+    return RigidBody(shape, units, sail, _light(scene, units), _tables(tables, nearest, scene.beam.polarisation))
 
 
 def _light(scene: scenes.Scene, units: Units) -> kernel.Light:
     """The scene's beam in normalised units."""
     beam = scene.beam
+    if beam.polarisation != "sail" and scene.incidence == "yaw_blind":
+        raise InputError(f"beam.polarisation = '{beam.polarisation}': needs incidence: sail_frame, which knows the yaw")
     return kernel.Light(
         1.0 if beam.intensity_W_m2 > 0 else 0.0, beam.radius_m / units.length, beam.delay_s / units.time,
         beam.rise_s / units.time, beam.on_s / units.time, scene.incidence == "yaw_blind",
-        scene.rigid.beam_distance == "published",
+        scene.rigid.beam_distance == "published", beam.polarisation != "sail", float(np.radians(beam.polarisation_deg)),
+        2.0 * np.pi * beam.polarisation_Hz * units.time,
     )
 
 
@@ -131,9 +134,12 @@ def _arrays(
     )
 
 
-def _tables(tables: dict[str, PressureTable], nearest: bool) -> tuple[TableArrays, ...]:
+def _tables(tables: dict[str, PressureTable], nearest: bool, polarisation: str) -> tuple[TableArrays, ...]:
     """Tables for the kernels, which need at least one to be compiled: without any, a table that nobody reads."""
-    arrays = tuple(table.arrays(nearest) for table in tables.values())
+    lab = polarisation != "sail"
+    for name in (name for name, table in tables.items() if lab and table.q_stokes is None):
+        raise InputError(f"beam.polarisation = '{polarisation}': table '{name}' lacks the Stokes response")
+    arrays = tuple(table.arrays(nearest, lab) for table in tables.values())
     if arrays:
         return arrays
     axis = np.array([0.0, 1.0])

@@ -191,6 +191,15 @@ def _one_wavelength(found: dict[str, tuple[Path, PressureTable]]) -> None:
             )
 
 
+def require_own_polarisation(scene: scenes.Scene, stage: str) -> None:
+    """Refuse a beam whose polarisation doesn't turn with the sail, for the stages that know no other."""
+    if scene.beam.polarisation != "sail":
+        raise InputError(
+            f"{scene.name}.yaml: beam.polarisation = '{scene.beam.polarisation}': must be 'sail' for {stage}; rigid "
+            "flight knows the others"
+        )
+
+
 def wavelength(table: PressureTable) -> Any:
     """Wavelength in m that a table was made for, None where it doesn't say."""
     return table.attrs.get("wavelength_m")

@@ -159,13 +159,29 @@ class Sail(Strict):
 
 
 class Beam(Strict):
-    """Gaussian beam along +z, I = I₀ exp(−2ρ²/w²); off for `delay_s`, rises in `rise_s`, on for `on_s`, falls alike."""
+    """Gaussian beam along +z, I = I₀ exp(−2ρ²/w²); off for `delay_s`, rises in `rise_s`, on for `on_s`, falls alike.
+
+    polarisation: 'sail' turns with the sail, so that each cell always sees its own (the paper); 'lab' is linear at
+    `polarisation_deg` from x towards y; 'turning' starts there and turns at `polarisation_Hz`. The last two are for
+    rigid flight on tables that hold the Stokes response.
+    """
 
     intensity_W_m2: NonNegative
     radius_m: Positive
     delay_s: NonNegative = 0.0
     rise_s: NonNegative = 1e-6
     on_s: Positive = 1e9
+    polarisation: Literal["sail", "lab", "turning"] = "sail"
+    polarisation_deg: float = 0.0
+    polarisation_Hz: float = 0.0
+
+    @model_validator(mode="after")
+    def _one_polarisation(self) -> Beam:
+        if self.polarisation == "sail" and self.polarisation_deg != 0.0:
+            raise ValueError(f"polarisation_deg = {self.polarisation_deg:g}: needs polarisation: lab or turning")
+        if self.polarisation != "turning" and self.polarisation_Hz != 0.0:
+            raise ValueError(f"polarisation_Hz = {self.polarisation_Hz:g}: needs polarisation: turning")
+        return self
 
 
 class Release(Strict):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics.kernels.beam import ramp
+from optics.interpolation import lookup_many
 from optics.table import TableArrays, lookup
 
 Floats = NDArray[np.float64]
@@ -61,6 +62,8 @@ class Light(NamedTuple):
 
     power: 1, or 0 without light. radius: of 1/e² intensity. delay, rise, on: of the ramp. yaw_blind: incidence from the
     lab pitch and roll whatever the yaw. axial: add the axial coordinate of the point to its distance from the beam.
+    polarised: the electric field has its own direction in the lab, at `angle` from x at t = 0 and turning at `rate`
+    (rad per unit time); tables then hold the response to each Stokes component. Otherwise it turns with the sail.
     """
 
     power: float
@@ -70,6 +73,9 @@ class Light(NamedTuple):
     on: float
     yaw_blind: bool
     axial: bool
+    polarised: bool
+    angle: float
+    rate: float
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -99,8 +105,30 @@ def incidence(turn: Floats, g: Floats, yaw_blind: bool) -> tuple[float, float]:
 
 
 @numba.njit(cache=True, error_model="numpy")
+def stokes(turn: Floats, g: Floats, angle: float) -> tuple[float, float]:
+    """(s₁, s₂) in a sector's axes of light along +z that is polarised linearly at `angle` from x in the lab.
+
+    e₁ is the sector's r = n × g projected perpendicular to k, e₂ = k × e₁; s₁ = cos 2χ, s₂ = sin 2χ with χ the angle
+    from e₁ towards e₂ (Born & Wolf, Principles of Optics, §1.4.2).
+    """
+    x = -turn[0, 0] * g[1] + turn[0, 1] * g[0]
+    y = -turn[1, 0] * g[1] + turn[1, 1] * g[0]
+    twice = 2.0 * (angle - math.atan2(y, x))
+    return math.cos(twice), math.sin(twice)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def polarised(table: TableArrays, u: float, v: float, s: tuple[float, float]) -> tuple[float, float, float, bool]:
+    """(q_g, q_r, q_n, inside) as the sum over the Stokes components (1, s₁, s₂, 0)."""
+    direction, q = np.array([[u], [v]]), np.empty((1, 16))
+    outside, _ = lookup_many(table, direction[0], direction[1], q)
+    total = q[0, 0:4] + s[0] * q[0, 4:8] + s[1] * q[0, 8:12]
+    return total[0], total[1], total[2], outside == 0
+
+
+@numba.njit(cache=True, error_model="numpy")
 def response(
-    sail: RigidSail, tables: tuple[TableArrays, ...], s: int, turn: Floats, yaw_blind: bool, out: Floats
+    sail: RigidSail, tables: tuple[TableArrays, ...], light: Light, s: int, t: float, turn: Floats, out: Floats
 ) -> int:
     """Write q (3,) of sector s, force × c per incident power in body components; a flag says where light came from."""
     if sail.table[s] < 0:
@@ -110,8 +138,11 @@ def response(
         out[2] += 2.0 * sail.reflectance[s] * turn[2, 2]
         return INSIDE
     g = sail.g[s]
-    u, v = incidence(turn, g, yaw_blind)
-    q_g, q_r, q_n, _, inside = lookup(tables[sail.table[s]], u, v)
+    u, v = incidence(turn, g, light.yaw_blind)
+    if light.polarised:
+        q_g, q_r, q_n, inside = polarised(tables[sail.table[s]], u, v, stokes(turn, g, light.angle + light.rate * t))
+    else:
+        q_g, q_r, q_n, _, inside = lookup(tables[sail.table[s]], u, v)
     out[0] = q_g * g[0] - q_r * g[1]
     out[1] = q_g * g[1] + q_r * g[0]
     out[2] = q_n
@@ -182,7 +213,7 @@ def load(
     flag = INSIDE
     rule = exponent(sail, light, turn, x, y, c)
     for s in range(sail.table.size):
-        flag = max(flag, response(sail, tables, s, turn, light.yaw_blind, q))
+        flag = max(flag, response(sail, tables, light, s, t, turn, q))
         total, first_x, first_y = moments(sail, rule, s, c)
         for i in range(3):
             out[i] += total * q[i]

@@ -15,7 +15,8 @@ from dynamics.attitude import rotation_from_angles, rotation_from_quaternion
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.rigid_body import rigid_body
 from dynamics.sail import sail_shape
-from optics.files import run_stage
+from optics.files import InputError, run_stage
+from optics.table import PressureTable
 from tests.synthetic import smooth_tables
 
 ROOT = Path(__file__).parents[2]
@@ -192,6 +193,51 @@ def test_opposite_spin_flies_the_mirror_image(incidence: str):
     assert np.allclose(one.position, two.position * [1, -1, 1], atol=1e-9)
     assert np.allclose(np.sin(one.angles), np.sin(two.angles) * np.array([[-1], [1], [-1]]), atol=1e-8)
     assert np.allclose(one.angular_velocity, two.angular_velocity * [-1, 1, -1], atol=1e-6)
+
+
+# Polarisation of the beam
+
+def stokes_tables() -> dict[str, PressureTable]:
+    """The synthetic tables with a response to all polarisations whose value for the cell's own is theirs."""
+    tables = {}
+    for (name, table), sign in zip(TABLES.items(), (1.0, -1.0), strict=True):
+        q = np.zeros((4, *table.q_nodes.shape))
+        q[0], q[1], q[2, 1] = 0.8 * table.q_nodes, 0.2 * sign * table.q_nodes, 0.05
+        tables[name] = replace(table, q_stokes=q, absorptance_stokes=np.zeros((4, *q.shape[2:])))
+    return tables
+
+
+def polarised(kind: str, degrees: float, rate: float = 0.0) -> scene.Scene:
+    return altered(FIG6, beam={"polarisation": kind, "polarisation_deg": degrees, "polarisation_Hz": rate})
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.4, 2.9])
+def test_polarisation_along_the_sail_s_own_is_that_locked_to_it(yaw: float):
+    """TE cells have E along r, TM cells along g: body y in all sectors. Half a turn of the polarisation is none."""
+    turn, place, tables = rotation_from_angles(0.0, 0.0, yaw), np.array([0.05, 0.02, 0.0]), stokes_tables()
+    want = np.concatenate(rigid_body(FIG6, TABLES).load(place, turn)[:2])
+    for degrees in (90.0 + np.degrees(yaw), np.degrees(yaw) - 90.0):
+        got = np.concatenate(rigid_body(polarised("lab", degrees), tables).load(place, turn)[:2])
+        assert np.allclose(got, want, atol=1e-12)
+    turned = rigid_body(polarised("turning", 90.0, 10.0), tables)
+    got = np.concatenate(turned.load(place, turn, time=yaw / (20.0 * np.pi))[:2])
+    assert np.allclose(got, want, atol=1e-12)
+
+
+def test_a_lamellar_sail_level_on_the_axis_has_no_spin_torque_whatever_the_polarisation():
+    """Ridges alike all along take no momentum along themselves (q_r = v a); the push along g goes through the axis."""
+    tables = {name: replace(table, q_stokes=table.q_stokes * np.array([1.0, 0.0, 1.0])[:, None, None])
+              for name, table in stokes_tables().items()}
+    for degrees in (0.0, 20.0, 45.0, 77.0):
+        force, torque, _ = rigid_body(polarised("lab", degrees), tables).load(np.zeros(3), np.eye(3))
+        assert abs(torque[2]) < 1e-13 * force[2]
+
+
+def test_a_polarisation_of_its_own_needs_tables_that_know_it():
+    with pytest.raises(InputError, match=r"beam.polarisation = 'lab': table 'mark1e_te' lacks the Stokes response"):
+        rigid.fly(polarised("lab", 0.0), TABLES)
+    with pytest.raises(ValueError, match="needs polarisation: turning"):
+        polarised("lab", 0.0, 3.0)
 
 
 # Accuracy and bookkeeping

@@ -27,7 +27,7 @@ def sector_integrals(spans: Any, beam: float, turn: np.ndarray, place: np.ndarra
     sail = kernel.RigidSail(
         np.zeros((len(spans), 2)), rules, CENTRE, none.astype(int), none, none, np.eye(3), np.eye(3)
     )
-    light = kernel.Light(1.0, beam, 0.0, 0.0, 1.0, False, axial)
+    light = kernel.Light(1.0, beam, 0.0, 0.0, 1.0, False, axial, False, 0.0, 0.0)
     c = np.empty(6)
     chosen = kernel.exponent(sail, light, turn, *place, c)
     chosen = chosen if rule < 0 else rule
