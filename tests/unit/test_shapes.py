@@ -13,10 +13,11 @@ from dynamics.attitude import rotation_from_angles
 from dynamics.mesh import Mesh, sail_mesh
 from dynamics.model import build
 from dynamics.sail import sail_shape
-from dynamics.scene import Sail
+from dynamics.scene import Sail, plan, read_scene
 from optics.files import InputError
 from tests.membranes import FIG6, altered
 
+SCENES = Path(__file__).parents[2] / "workflow" / "scenes"
 SILICON = {"from_deg": 0.0, "material": "silicon_43nm", "reflectance": 0.45}
 
 
@@ -115,6 +116,18 @@ def test_the_order_of_nodes_on_polygons():
     square = shapes.shape_nodes(sail(outline="square", rings=2, rotation_deg=0.0))
     assert np.allclose(square[9], [0.5, -0.25, 0.0])
     assert np.allclose(square[shapes.reference_node(sail(outline="square", rings=2))], [0.5, -0.5, 0.0])
+
+
+def test_the_sails_of_fig_3_have_equal_areas_and_those_of_fig_4_a_metre_of_diameter():
+    scenes = {path.stem: read_scene(path) for path in SCENES.glob("fig[34]_*.yaml")}
+    assert len(scenes) == 7
+    areas = {name: sail_mesh(scene.sail).areas.sum() for name, scene in scenes.items()}
+    third = [area for name, area in areas.items() if name.startswith("fig3")]
+    assert np.ptp(third) < 3e-4 * third[0]
+    assert third[0] * 2330 * 43e-9 == pytest.approx(6.5075e-5, rel=3e-4)
+    for name in ("fig4_direct", "fig4_reflections"):
+        assert np.hypot(*sail_mesh(scenes[name].sail).nodes[:, :2].T).max() == pytest.approx(0.5, rel=1e-12)
+        assert plan(scenes[name])["reflections"].on == (name == "fig4_reflections")
 
 
 # Regions
