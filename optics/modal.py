@@ -24,6 +24,8 @@ from optics.table import PARITY, Cutoffs, PressureTable
 
 _LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 100, 125, 150)
 _SEEN = 0.6
+# Modes that reach the far side of their layer with less than this share of the tolerance are left out there.
+_NEGLIGIBLE = 1e-2
 # The first rows in u and lines in v² are no further apart: narrower resonances may be missed.
 _FIRST_STEP = 0.0112
 _FEWEST_ROWS, _FEWEST_LINES = 17, 6
@@ -47,7 +49,7 @@ def choose_nodes(
     """Directions at which interpolation meets `tolerance`, solved with the given `order`."""
 
     def response(u: Floats, v: Floats) -> Floats:
-        return _quantities(solve(cell, u, v, order))
+        return _quantities(solve(cell, u, v, order, _NEGLIGIBLE * tolerance))
 
     curves = window_curves(cell, u_max, v_max)
     u = np.linspace(-u_max, u_max, max(_FEWEST_ROWS, 1 + 2 * int(np.ceil(u_max / _FIRST_STEP))))

@@ -16,7 +16,7 @@ import numpy as np
 from optics.files import progress
 from optics.interpolation import TableArrays, lookup_many, pack
 from optics.patches import Values, make_patches
-from optics.strips import Curves, Floats, lay_out
+from optics.strips import NEAR, Curves, Floats, lay_out
 
 # k quantities (k, n_u, n_v) at directions u (n_u) × v (n_v).
 Solve = Callable[[Floats, Floats], Floats]
@@ -25,6 +25,7 @@ Solve = Callable[[Floats, Floats], Floats]
 _SMALLEST_U, _SMALLEST_V, _SMALLEST_ROOT = 2.5e-4, 2e-3, 4e-3
 _MOST_ROWS, _MOST_LINES, _ROUNDS = 600, 160, 10
 _TEST_LINES, _TEST_ROWS, _TEST_BESIDE = 9, 32, 5
+_TEST_NARROW = (0.2, 0.5, 0.8)  # places in narrow strips
 _FIRST_BESIDE = 0.03
 
 
@@ -108,6 +109,20 @@ def _error(samples: Samples, arrays: TableArrays, u: Floats, v: Floats) -> Float
     out = np.empty((u.size * v.size, samples.parity.size))
     lookup_many(arrays, np.repeat(u, v.size), np.tile(v, u.size), out)
     return np.abs(samples.solve(u, v).reshape(out.shape[1], -1).T - out).max(axis=1).reshape(u.size, v.size)
+
+
+def _narrow_error(samples: Samples, arrays: TableArrays, v: float) -> float:
+    """Largest error of the table on the line v in strips too narrow for a test row to fall into them."""
+    cut = samples.curves.take(samples.curves.offset == 0.0)
+    at = cut.u(np.array([v]))[:, 0]
+    edges = np.unique([samples.u[0], samples.u[-1], *at[(at > samples.u[0]) & (at < samples.u[-1])]])
+    widths = np.diff(edges)
+    narrow = (widths > NEAR) & (widths < 2.0 * (samples.u[-1] - samples.u[0]) / _TEST_ROWS)
+    u = (edges[:-1, None] + widths[:, None] * np.array(_TEST_NARROW))[narrow].ravel()
+    line = np.full(u.size, v)
+    exact, guess = solve_each(samples.solve, u, line, samples.parity.size).T, np.empty((u.size, samples.parity.size))
+    lookup_many(arrays, u, line, guess)
+    return float(np.abs(exact - guess).max(initial=0.0))
 
 
 def _some(nodes: Floats, count: int) -> Floats:
@@ -213,7 +228,9 @@ def refine(samples: Samples, tolerance: float, name: str = "table") -> Refined:
             break
     test_u = _some(samples.u, _TEST_ROWS)
     for _ in progress(range(_ROUNDS), f"{name}: lines", unit="round"):
-        lines.note(samples.v, _error(samples, samples.arrays, test_u, lines.unknown(samples.v)).T)
+        arrays, unknown = samples.arrays, lines.unknown(samples.v)
+        narrow = [_narrow_error(samples, arrays, v) for v in unknown]
+        lines.note(samples.v, np.column_stack([_error(samples, arrays, test_u, unknown).T, narrow]))
         more = _split(samples.v, lines.all(samples.v), tolerance, _SMALLEST_V, _MOST_LINES)
         if not more.size:
             break
