@@ -32,8 +32,17 @@ _FEWEST_ROWS, _FEWEST_LINES = 17, 6
 
 
 def _quantities(response: Response) -> Floats:
-    """Q and absorptance (4, n_u, n_v)."""
-    return np.concatenate([np.moveaxis(response.q, -1, 0), response.absorptance[None]])
+    """Q and absorptance (20, n_u, n_v): of the cell's own polarisation, then of the four Stokes components."""
+    own = np.concatenate([response.q, response.absorptance[..., None]], axis=-1)
+    stokes = np.concatenate([response.q_stokes, response.absorptance_stokes[..., None]], axis=-1)
+    every = np.concatenate([own[:, :, None], stokes], axis=2)
+    return np.moveaxis(every.reshape(*every.shape[:2], -1), -1, 0)
+
+
+def _apart(quantities: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Q (3, ...), absorptance (...), q_stokes (4, 3, ...), absorptance_stokes (4, ...) of `_quantities` (20, ...)."""
+    every = quantities.reshape(5, 4, *quantities.shape[1:])
+    return every[0, :3], every[0, 3], every[1:, :3], every[1:, 3]
 
 
 def window_curves(cell: Metagrating | LamellarStack, u_max: float, v_max: float) -> Curves:
@@ -97,9 +106,9 @@ def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, to
     order = choose_order(cell, np.linspace(-u_max, u_max, 24), v_max * np.array([0.0, 0.5, 1.0]), tolerance)
     refined = choose_nodes(cell, u_max, v_max, tolerance, order)
     found = refined.samples
-    q, absorptance = found.nodes[:3], found.nodes[3]
+    q, absorptance, *stokes = _apart(found.nodes)
     error = order_error(cell, found.u, found.v, order, np.moveaxis(q, 0, -1)) + refined.error
-    cutoffs = Cutoffs(found.curves, found.on_curves[:3], found.on_curves[3]) if len(found.curves) else None
+    cutoffs = Cutoffs(found.curves, *_apart(found.on_curves)) if len(found.curves) else None
     lossless = all(epsilon.imag == 0 for _, epsilon in polygons(cell))
     attrs = {
         "name": cell.name, "solver": "modal", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
@@ -109,7 +118,7 @@ def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, to
         ATTRIBUTE: normal_response(cell, order).as_dict(),
         "wall_seconds": watch.seconds, "versions": versions("numpy", "scipy"),
     }
-    return PressureTable(found.u, found.v, q, absorptance, error, mirror_v=True, attrs=attrs, cutoffs=cutoffs)
+    return PressureTable(found.u, found.v, q, absorptance, error, True, False, attrs, cutoffs, *stokes)
 
 
 def main() -> None:

@@ -31,9 +31,10 @@ _FIRST_BESIDE = 0.03
 
 @dataclass(frozen=True)
 class Samples:
-    """What the solver found: `nodes` (k, n_u, n_v) on rows u × lines v, `on_curves` (k, n_curves, n_v), and parity (k).
+    """What the solver found: `nodes` (k, n_u, n_v) on rows u × lines v, `on_curves` (k, n_curves, n_v).
 
-    `on_curves` is NaN where a curve is outside the window.
+    `on_curves` is NaN where a curve is outside the window. The first n quantities, of `parity` (n), are to be
+    interpolated well; the others come along.
     """
 
     solve: Solve
@@ -48,7 +49,8 @@ class Samples:
     def arrays(self) -> TableArrays:
         """The table that the samples make."""
         layout = lay_out(self.curves, self.u[0], self.u[-1], self.v)
-        values = Values(self.u, self.v, self.nodes, self.on_curves, self.parity)
+        n = self.parity.size
+        values = Values(self.u, self.v, self.nodes[:n], self.on_curves[:n], self.parity)
         return pack(layout, values, make_patches(layout, values), False, False)
 
     def with_rows(self, u: Floats) -> Samples:
@@ -61,13 +63,13 @@ class Samples:
         """More lines."""
         order = np.argsort(every := np.concatenate([self.v, v]))
         nodes = np.concatenate([self.nodes, self.solve(self.u, v)], axis=2)[..., order]
-        more = on_curves(self.solve, self.curves, v, self.u[0], self.u[-1], self.parity.size)
+        more = on_curves(self.solve, self.curves, v, self.u[0], self.u[-1], len(self.nodes))
         on_them = np.concatenate([self.on_curves, more], axis=2)[..., order]
         return replace(self, v=every[order], nodes=nodes, on_curves=on_them)
 
     def with_curves(self, curves: Curves) -> Samples:
         """More lines of nodes beside cut-offs."""
-        more = on_curves(self.solve, curves, self.v, self.u[0], self.u[-1], self.parity.size)
+        more = on_curves(self.solve, curves, self.v, self.u[0], self.u[-1], len(self.nodes))
         together = Curves(*(np.concatenate(pair) for pair in zip(
             vars(self.curves).values(), vars(curves).values(), strict=True,
         )))
@@ -106,9 +108,19 @@ def first_lines(at: Floats, count: int) -> Floats:
 
 def _error(samples: Samples, arrays: TableArrays, u: Floats, v: Floats) -> Floats:
     """Largest error of the table (n_u, n_v) at directions u × v."""
-    out = np.empty((u.size * v.size, samples.parity.size))
+    n = samples.parity.size
+    out = np.empty((u.size * v.size, n))
     lookup_many(arrays, np.repeat(u, v.size), np.tile(v, u.size), out)
-    return np.abs(samples.solve(u, v).reshape(out.shape[1], -1).T - out).max(axis=1).reshape(u.size, v.size)
+    return np.abs(samples.solve(u, v)[:n].reshape(n, -1).T - out).max(axis=1).reshape(u.size, v.size)
+
+
+def _error_at(samples: Samples, arrays: TableArrays, u: Floats, v: Floats) -> float:
+    """Largest error of the table at single directions u, v (n)."""
+    n = samples.parity.size
+    guess = np.empty((u.size, n))
+    lookup_many(arrays, u, v, guess)
+    exact = solve_each(samples.solve, u, v, len(samples.nodes))[:n].T
+    return float(np.abs(exact - guess).max(initial=0.0))
 
 
 def _narrow_error(samples: Samples, arrays: TableArrays, v: float) -> float:
@@ -119,10 +131,7 @@ def _narrow_error(samples: Samples, arrays: TableArrays, v: float) -> float:
     widths = np.diff(edges)
     narrow = (widths > NEAR) & (widths < 2.0 * (samples.u[-1] - samples.u[0]) / _TEST_ROWS)
     u = (edges[:-1, None] + widths[:, None] * np.array(_TEST_NARROW))[narrow].ravel()
-    line = np.full(u.size, v)
-    exact, guess = solve_each(samples.solve, u, line, samples.parity.size).T, np.empty((u.size, samples.parity.size))
-    lookup_many(arrays, u, line, guess)
-    return float(np.abs(exact - guess).max(initial=0.0))
+    return _error_at(samples, arrays, u, np.full(u.size, v))
 
 
 def _some(nodes: Floats, count: int) -> Floats:
@@ -178,10 +187,7 @@ def _test_beside(
                     continue
                 u = samples.curves.take([int(c)]).u(v)[0] + side * t * t
                 held = (u > samples.u[0]) & (u < samples.u[-1])
-                exact = solve_each(samples.solve, u[held], v[held], samples.parity.size).T
-                guess = np.empty(exact.shape)
-                lookup_many(arrays, u[held], v[held], guess)
-                found[int(c), side, t] = float(np.abs(exact - guess).max(initial=0.0))
+                found[int(c), side, t] = _error_at(samples, arrays, u[held], v[held])
                 tested.append((int(c), side, float(t), float(step)))
     return tested
 
@@ -197,8 +203,8 @@ class Refined:
 def start(solve: Solve, curves: Curves, u: Floats, v: Floats, parity: Floats) -> Samples:
     """Samples on rows u, lines v and curves, with one more line of nodes on both sides of each curve."""
     both = [curves.beside(np.full(len(curves), side * _FIRST_BESIDE**2)) for side in (-1.0, 1.0)]
-    empty = np.empty((parity.size, 0, v.size))
-    samples = Samples(solve, parity, u, v, curves.take([]), solve(u, v), empty)
+    nodes = solve(u, v)
+    samples = Samples(solve, parity, u, v, curves.take([]), nodes, np.empty((len(nodes), 0, v.size)))
     for more in (curves, *both):
         samples = samples.with_curves(more)
     return samples
