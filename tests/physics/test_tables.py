@@ -1,8 +1,12 @@
 """Tables of gratings: right between their directions, continuous across the cut-offs, smooth elsewhere."""
 
+import h5py
 import numpy as np
 import pytest
 
+from optics.files import InputError
+from optics.incidence import electric_vector, stokes
+from optics.interpolation import lookup_many
 from optics.modal import make_table, solve
 from optics.strips import breaks
 from optics.table import PressureTable
@@ -92,3 +96,34 @@ def test_round_trip_with_cutoffs(made, tmp_path):
     u, v = directions(table, 20, 5)
     assert np.array_equal(back.q(u, v), table.q(u, v))
     assert (tmp_path / "t.h5").stat().st_size < 20e6
+
+
+def test_every_polarisation_is_looked_up_as_it_was_solved(made):
+    table, cell = made
+    u, v = directions(table, 12, 8)
+    order = table.attrs["settings"]["orders"]
+    out = np.empty((u.size * v.shape[1], 16))
+    lookup_many(table.arrays(stokes=True), np.repeat(u, v.shape[1]), v.ravel(), out)
+    responses = [solve(cell, a, b, order) for a, b in zip(u, v, strict=True)]
+    exact = np.concatenate([
+        np.concatenate([r.q_stokes, r.absorptance_stokes[..., None]], axis=-1).reshape(-1, 16) for r in responses
+    ])
+    assert np.quantile(np.abs(out - exact).max(axis=1), 0.95) <= TOLERANCE
+    nominal = np.concatenate([table.q(u, v), table.absorptance(u, v)[..., None]], axis=-1).reshape(-1, 1, 4)
+    field = electric_vector(np.broadcast_to(u, v.shape), v, cell.electric_axis)
+    s = stokes(np.broadcast_to(u, v.shape), v, field).reshape(-1, 4, 1)
+    assert np.quantile(np.abs((s * out.reshape(-1, 4, 4)).sum(axis=1) - nominal[:, 0]), 0.99) <= TOLERANCE
+
+
+@pytest.mark.parametrize("name", ["cutoff_q", "cutoff_shift", "q_stokes", "cutoff_absorptance_stokes"])
+def test_an_edited_or_missing_variable_is_refused(made, tmp_path, name):
+    path = tmp_path / "t.h5"
+    made[0].write(path)
+    with h5py.File(path, "r+") as file:
+        file[name][...] = file[name][...] * (1 + 1e-12)
+    with pytest.raises(InputError, match="it was changed after it was made"):
+        PressureTable.read(path)
+    with h5py.File(path, "r+") as file:
+        del file[name]
+    with pytest.raises(InputError, match=r"not a pressure table|must be given together|digest differs"):
+        PressureTable.read(path)
