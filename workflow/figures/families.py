@@ -100,14 +100,16 @@ def draw_tolerances(screened: pd.DataFrame) -> Figure:
         error = np.abs(np.array([(low, high) for low, high in interval]).T - value)
         share.errorbar(counts.index, 100 * value, 100 * error, marker="o", color=colour, capsize=3,
                        label=verdict.replace("_", " "))
-    share.set(xscale="log", xlabel="scale of the errors", ylabel="sails (%)", title="95 % intervals (Wilson)")
+    share.set(xscale="log", xlabel="errors (1: as the family says)", ylabel="sails (%)", title="Wilson 95 %")
     share.legend()
     scales = sorted(members["scale"].unique())
+    share.set_xticks(scales, [f"{s:g}" for s in scales])
+    share.minorticks_off()
     margin.boxplot([members.loc[members["scale"] == s, "margin_1_s"].dropna() for s in scales], whis=(5, 95),
                    showfliers=False, tick_labels=[f"{s:g}" for s in scales])
     margin.axhline(float(screened["margin_1_s"].iloc[0]), color=RED, lw=0.8, label="without errors")
     margin.axhline(0.0, color="0.3", lw=0.8)
-    margin.set(xlabel="scale of the errors", ylabel="margin (1/s)", title="margins: quartiles, 5 and 95 %")
+    margin.set(xlabel="errors (1: as the family says)", ylabel="margin (1/s)", title="quartiles, 5 and 95 %")
     margin.legend()
     return figure
 
