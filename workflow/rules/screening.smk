@@ -333,6 +333,11 @@ rule screening:
         confirmations("search"),
 
 
+rule better_design:
+    input:
+        confirmations("wider_periods"),
+
+
 rule gap_study:
     input:
         "results/figures/gap_study.png",
