@@ -5,202 +5,174 @@ A table without cut-offs is one strip in which τ = x is linear in u; see `optic
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numba
 import numpy as np
-from llvmlite import ir
-from numba.core import cgutils
-from numba.extending import intrinsic
-from numpy.typing import NDArray
 
-from optics.patches import Patches, Values, buckets
-from optics.strips import Layout
+from optics.packing import LINE, NODE, STRIP, Floats, Indices, TableArrays
+from optics.packing import pack as pack
+from optics.patch_sum import prefetch, read, value_and_slopes, values
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
-_HEADER = 10
-_STRIP = 8
 # Slopes on a cut-off are infinite; they are taken this far from it in τ.
 _OFF_CURVE = 1e-8
 _THIN = 1e-300
-
-Weights = tuple[float, float, float, float]
-
-
-class TableArrays(NamedTuple):
-    """A table for compiled kernels: see `lookup`. What the arrays hold is known to this module alone.
-
-    numbers (n,), places (m,): everything, one after the other. axisymmetric: v is collapsed, u is the sine of the angle
-    of incidence. nearest: return the nearest node's value.
-    """
-
-    numbers: Floats
-    places: Indices
-    axisymmetric: bool
-    nearest: bool
-
+# Directions taken through the passes of `lookup_many` together, so that what is between them stays in the cache, and
+# how many directions ahead of its sum a patch is fetched from memory.
+_BLOCK = 128
+_AHEAD = 8
+# Where each pass puts its numbers: v folded, both roots, u − a and b − a, τ, the place in the patch and its steps
+# (s, h along τ; r, g along v), buckets of the strip, and what turns slopes by τ and v into slopes by u and v.
+_V, _ROOT_0, _ROOT_1, _ABOVE, _WIDTH, _TAU, _S, _H, _R, _G, _MANY, _PER_U, _TAU_V, _PER_V = (
+    k * _BLOCK for k in range(14)
+)
+_BUCKET, _STRIP, _START, _ROW, _LINE = (k * _BLOCK for k in range(5))
 
 class _Parts(NamedTuple):
-    """Where things begin in the two arrays of `TableArrays`, so that none has to be cut out of them.
-
-    In n: v (n_v nodes), lines (3 each: u = l₀ √(square₀ − v²) + l₁ √(square₁ − v²) − l₂; edges last), parity (k, ±1
-    under v → −v), tau (nodes of all strips), c (coefficients). In h: bucket_v; slab, of each interval in v; first, the
-    first strip of each slab; strips (8 each): line on the left and on the right, first node in tau and how many, first
-    bucket and how many, where the coefficients of the strip would begin if it began at the first v node, numbers from
-    one τ node to the next; bucket_tau. mirror: only v ≥ 0 is held; curved: τ is that of `optics.strips`, not x itself.
-    """
+    """The numbers at the beginning of the arrays of `TableArrays` and where the parts begin, see `optics.packing`."""
 
     n: Floats
     h: Indices
-    n_v: int
     k: int
+    many: int
     v: int
     lines: int
-    edges: int
     parity: int
-    tau: int
-    c: int
     bucket_v: int
-    buckets: int
+    top: float
     slab: int
-    first: int
     strips: int
-    bucket_tau: int
     mirror: bool
     curved: bool
+    nearest: bool
+    square_0: float
+    square_1: float
+    u_first: float
+    u_last: float
+    v_first: float
+    v_last: float
+    per_v: float
 
 
-def _line_table(layout: Layout) -> tuple[Floats, list[float]]:
-    """`lines` of `_Parts` and the squares of its two indices."""
-    lines, curves = layout.lines, len(layout.lines) - 2
-    squares = sorted(set(lines.index[:curves] ** 2)) or [lines.index[-1] ** 2]
-    if len(squares) > 2:
-        raise ValueError("cutoff_index holds more than two refractive indices; there are two half-spaces")
-    table = np.zeros((len(lines), 3))
-    table[:curves, 0] = lines.sign[:curves] * (lines.index[:curves] ** 2 == squares[0])
-    table[:, 1] = lines.sign - table[:, 0]
-    table[:, 2] = lines.shift
-    return table, [squares[0], squares[-1]]
-
-
-def pack(layout: Layout, values: Values, patches: list[Patches], axisymmetric: bool, nearest: bool) -> TableArrays:
-    """Plain arrays of a table; `nearest`: to be looked up at its nearest node."""
-    k, n = values.nodes.shape[0], len(patches)
-    lines, squares = _line_table(layout)
-    parity = np.ones(k) if values.parity is None else values.parity
-    taus, found = [patch.tau for patch in patches], [buckets(patch.tau) for patch in patches]
-    numbers = [np.array(squares), values.v, lines.ravel(), parity, *taus, *(p.values.ravel() for p in patches)]
-    first_tau, first_bucket, first_c = (
-        np.cumsum([0, *(part.size for part in parts)]) for parts in (taus, found, [p.values for p in patches])
-    )
-    rows = np.zeros((n, _STRIP), np.int64)
-    for i, patch in enumerate(patches):
-        rows[i] = [
-            patch.strip.left, patch.strip.right, first_tau[i], patch.tau.size, first_bucket[i], found[i].size,
-            first_c[i] - patch.strip.first * 4 * k, patch.values[0].size,
-        ]
-    order = [k for slab in layout.slabs for k in slab]
-    slab_first = np.cumsum([0, *(len(slab) for slab in layout.slabs)])
-    slab = np.searchsorted(layout.slab_first, np.arange(values.v.size - 1), side="right") - 1
-    bucket_v = buckets(values.v)
-    header = [
-        values.v.size, len(lines), k, first_tau[-1], bucket_v.size, slab_first.size, len(order), first_bucket[-1],
-        values.parity is not None, layout.curved,
-    ]
-    places = [np.array(header), bucket_v, slab, slab_first, rows[order].ravel(), *found]
-    return TableArrays(np.concatenate(numbers), np.concatenate(places).astype(np.int64), axisymmetric, nearest)
-
-
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
 def _open(t: TableArrays) -> _Parts:
     """Where `pack` has put the parts."""
-    h = t.places
-    n_v, lines, k = h[0], 2 + h[0], h[2]
-    parity = lines + 3 * h[1]
-    slab = _HEADER + h[4]
-    first = slab + n_v - 1
-    strips = first + h[5]
+    n, h = t.numbers, t.places
     return _Parts(
-        t.numbers, h, n_v, k, 2, lines, parity - 6, parity, parity + k, parity + k + h[3], _HEADER, h[4], slab, first,
-        strips, strips + h[6] * _STRIP, h[8] != 0, h[9] != 0,
+        n, h, h[0], h[1], h[2], h[3], h[4], h[5], float(h[6] - 1), h[7], h[8], h[9] != 0, h[10] != 0,
+        t.nearest, n[0], n[1], n[2], n[3], n[4], n[5], n[6],
     )
 
 
-@numba.njit(cache=True, inline="always")
-def _locate(n: Floats, first: int, count: int, guess: int, x: float) -> int:
-    """Interval i of the `count` nodes from n[first] on with nodes[i] ≤ x ≤ nodes[i + 1]; x must lie within them."""
-    i = guess
-    while i < count - 2 and x >= n[first + i + 1]:
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _clamp(x: float, low: float, high: float) -> float:
+    """Bring x within low … high; NaN becomes low, so that no place is outside the arrays."""
+    x = x if x > low else low
+    return x if x < high else high
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _fold(p: _Parts, v: float) -> float:
+    """|v| where the table is mirrored, v where not, within the table."""
+    return _clamp(abs(v) if p.mirror else v, p.v_first, p.v_last)
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _inside(p: _Parts, u: float, v: float) -> bool:
+    """Is the direction within the table."""
+    return bool((u >= p.u_first) & (u <= p.u_last) & (_fold(p, v) == (abs(v) if p.mirror else v)))
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _line_at(n: Floats, at: int, root_0: float, root_1: float) -> float:
+    """Where the line is that is stored from `at` on."""
+    return read(n, at) * root_0 + read(n, at + 1) * root_1 - read(n, at + 2)
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _find(n: Floats, first: int, i: int, x: float) -> int:
+    """The interval that holds x, from i on, of the nodes stored from `first` on; the last of them is infinite."""
+    while x >= read(n, first + NODE * (i + 1)):
         i += 1
-    while i > 0 and x < n[first + i]:
-        i -= 1
     return i
 
 
-@numba.njit(cache=True, inline="always")
-def _hermite(s: float, h: float) -> Weights:
-    """Cubic Hermite weights of (value left, value right, slope left, slope right) at s in [0, 1] of a step h."""
-    r = 1.0 - s
-    return (1.0 + 2.0 * s) * r * r, s * s * (3.0 - 2.0 * s), h * s * r * r, -h * s * s * r
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _within(n: Floats, at: int, x: float) -> tuple[float, float]:
+    """The place of x (0 … 1) in the interval stored from `at` on, and its width."""
+    return (x - read(n, at)) * read(n, at + 2), read(n, at + 1)
 
 
-@numba.njit(cache=True, inline="always")
-def _hermite_slope(s: float, h: float) -> Weights:
-    """Derivatives of the `_hermite` weights by x."""
-    r = 1.0 - s
-    return -6.0 * s * r / h, 6.0 * s * r / h, r * (1.0 - 3.0 * s), s * (3.0 * s - 2.0)
+class _Band(NamedTuple):
+    """Where a direction lies in v, and its strip.
 
-
-def _wide_sum(builder: ir.IRBuilder, weights: list[ir.Value], groups: list[ir.Value]) -> ir.Value:
-    """Sum of four vectors of four numbers, times a weight each."""
-    lanes = ir.Constant(ir.VectorType(ir.IntType(32), 4), [0, 0, 0, 0])
-    parts = []
-    for weight, group in zip(weights, groups, strict=True):
-        first = builder.insert_element(ir.Constant(group.type, ir.Undefined), weight, ir.Constant(ir.IntType(32), 0))
-        parts.append(builder.fmul(builder.shuffle_vector(first, first, lanes), group))
-    return builder.fadd(builder.fadd(parts[0], parts[1]), builder.fadd(parts[2], parts[3]))
-
-
-@intrinsic
-def _patch(context: Any, f: Any, start: Any, row: Any, next_v: Any, a: Any, b: Any) -> Any:
-    """Tensor Hermite sum of four quantities over the patch at `start`, with weights a along τ and b along v.
-
-    At each node lie the four values, the four ∂τ, ∂v and ∂τ∂v; the next node in v is `next_v` numbers on, that in τ
-    `row`. It is written as LLVM instructions to keep the four in one vector: numba takes them one by one otherwise,
-    which is three times slower.
+    strip: where that is stored; start: first coefficient of line v in the strip; r: the place (0 … 1) between two
+    lines, g: their distance; line: where the left line is stored; above, width: u − a and b − a.
     """
 
-    def build(context: Any, builder: ir.IRBuilder, signature: Any, given: list[ir.Value]) -> ir.Value:
-        array, start, row, next_v, a, b = given
-        pointer = context.make_array(signature.args[0])(context, builder, array).data
-        a, b = (cgutils.unpack_tuple(builder, weights, 4) for weights in (a, b))
-        wide = ir.VectorType(ir.DoubleType(), 4)
+    strip: int
+    start: int
+    r: float
+    g: float
+    line: int
+    above: float
+    width: float
 
-        def load(*steps: ir.Value | int) -> ir.Value:
-            place = start
-            for step in steps:
-                place = builder.add(place, ir.Constant(start.type, step) if isinstance(step, int) else step)
-            return builder.load(builder.bitcast(builder.gep(pointer, [place]), wide.as_pointer()), align=8)
 
-        sides = []
-        for side in (ir.Constant(start.type, 0), row):
-            for slope in (0, 4):
-                nodes = [load(side, slope, *more) for more in ((), (8,), (next_v,), (next_v, 8))]
-                sides.append(_wide_sum(builder, [b[0], b[2], b[1], b[3]], nodes))
-        total = _wide_sum(builder, [a[0], a[2], a[1], a[3]], sides)
-        lanes = [builder.extract_element(total, ir.Constant(ir.IntType(32), i)) for i in range(4)]
-        return context.make_tuple(builder, signature.return_type, lanes)
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _band(p: _Parts, u: float, v: float, bucket: int, root_0: float, root_1: float) -> _Band:
+    """The band of a direction with v folded."""
+    n, h, u = p.n, p.h, _clamp(u, p.u_first, p.u_last)
+    j = _find(n, p.v, read(h, p.bucket_v + bucket), v)
+    at = p.v + NODE * j
+    slab = read(h, p.slab + j)
+    lines = p.lines + slab * (p.many * LINE)
+    e = 0
+    for other in range(1, p.many - 1):
+        e += u >= _line_at(n, lines + LINE * other, root_0, root_1)
+    line = lines + LINE * e
+    a = _line_at(n, line, root_0, root_1)
+    width = _line_at(n, line + LINE, root_0, root_1) - a
+    strip = p.strips + (slab * (p.many - 1) + e) * STRIP
+    start = read(h, strip + 3) + j * (4 * p.k)
+    r, g = _within(n, at, v)
+    return _Band(strip, start, r, g, line, u - a, width)
 
-    return numba.types.UniTuple(numba.float64, 4)(f, numba.int64, numba.int64, numba.int64, a, b), build
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _part(above: float, width: float) -> float:
+    """x, the place in a strip (0 … 1)."""
+    return _clamp(above / (width if width > _THIN else _THIN), 0.0, 1.0)
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _tau(x: float) -> float:
+    """τ of the place x in a strip between cut-offs."""
+    root = np.sqrt(x)
+    return _clamp(root / (root + np.sqrt(1.0 - x)), _OFF_CURVE, 1.0 - _OFF_CURVE)
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _bucket(x: float, scale: float, top: float) -> int:
+    """The bucket of x ≥ 0."""
+    x = x * scale
+    return int(x if x < top else top)
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _column(p: _Parts, strip: int, bucket: int, tau: float) -> tuple[int, int, float, float]:
+    """Interval of τ in a strip, numbers from one interval to the next, place in it, its width."""
+    first = read(p.h, strip)
+    i = _find(p.n, first, read(p.h, read(p.h, strip + 1) + bucket), tau)
+    s, h = _within(p.n, first + NODE * i, tau)
+    return i, read(p.h, strip + 4), s, h
 
 
 class _Place(NamedTuple):
     """Where a direction lies.
 
-    First coefficient of its patch, numbers from there to the next τ node; s, r: the place in the patch (0 … 1) along τ
-    and v, with its steps h, g; x and τ in its strip, and the lines on both sides of that.
+    start: first coefficient of its patch; row: numbers from there to the next τ node; s, r: the place in the patch
+    (0 … 1) along τ and v, h, g: its steps; line: where the line on its left is stored; u − a, b − a and τ.
     """
 
     start: int
@@ -209,89 +181,232 @@ class _Place(NamedTuple):
     h: float
     r: float
     g: float
-    x: float
+    line: int
+    above: float
+    width: float
     tau: float
-    left: int
-    right: int
 
 
-@numba.njit(cache=True, inline="always")
-def _clamped(p: _Parts, v: float) -> float:
-    """|v| where the table is mirrored, v where not, within the table."""
-    return min(max(abs(v) if p.mirror else v, p.n[p.v]), p.n[p.v + p.n_v - 1])
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _roots(p: _Parts, v: float) -> tuple[float, float]:
+    """√(index² − v²) of both half-spaces."""
+    return np.sqrt(p.square_0 - v * v), np.sqrt(p.square_1 - v * v)
 
 
-@numba.njit(cache=True, inline="always")
-def _line_at(p: _Parts, line: int, root_0: float, root_1: float) -> float:
-    """Where a line is."""
-    at = p.lines + 3 * line
-    return p.n[at] * root_0 + p.n[at + 1] * root_1 - p.n[at + 2]
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _place(p: _Parts, u: float, v: float, root_0: float, root_1: float) -> _Place:
+    """Where (u, v) lies, v folded; clamped to the table."""
+    band = _band(p, u, v, _bucket(v - p.v_first, p.per_v, p.top), root_0, root_1)
+    x = _part(band.above, band.width)
+    tau = _tau(x) if p.curved else x
+    many = float(read(p.h, band.strip + 2))
+    i, row, s, h = _column(p, band.strip, _bucket(tau, many, many - 1.0), tau)
+    return _Place(band.start + i * row, row, s, h, band.r, band.g, band.line, band.above, band.width, tau)
 
 
-@numba.njit(cache=True, inline="always")
-def _place(p: _Parts, u: float, v: float) -> _Place:
-    """Where (u, v) lies, clamped to the table; v < 0 is mirrored where the table is."""
-    n, h = p.n, p.h
-    v = _clamped(p, v)
-    part = (v - n[p.v]) / (n[p.v + p.n_v - 1] - n[p.v])
-    j = _locate(n, p.v, p.n_v, h[p.bucket_v + min(int(part * p.buckets), p.buckets - 1)], v)
-    slab = p.first + h[p.slab + j]
-    root_0, root_1 = np.sqrt(n[0] - v * v), np.sqrt(n[1] - v * v)
-    e = h[slab]
-    for other in range(e, h[slab + 1] - 1):
-        e += u >= _line_at(p, h[p.strips + _STRIP * other + 1], root_0, root_1)
-    strip = p.strips + _STRIP * e
-    left, right = h[strip], h[strip + 1]
-    a = _line_at(p, left, root_0, root_1)
-    x = min(max((u - a) / max(_line_at(p, right, root_0, root_1) - a, _THIN), 0.0), 1.0)
-    tau = x
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _turning(
+    p: _Parts, v: float, root_0: float, root_1: float, line: int, above: float, width: float, tau: float,
+    h: float, g: float, turned: bool,
+) -> tuple[float, float, float]:
+    """∂s/∂u, ∂s/∂v at fixed u, and ∂r/∂v of the place s, r in a patch; v is folded, `turned` if it was negative.
+
+    √(index² − v²) in the lines changes by −v / √(index² − v²) per v.
+    """
+    n, x = p.n, _part(above, width)
+    left, right = 1.0 - x, x
+    moved = (read(n, line) * left + read(n, line + LINE) * right) / root_0
+    moved += (read(n, line + 1) * left + read(n, line + LINE + 1) * right) / root_1
+    width = width if width > _THIN else _THIN
+    per_u = 1.0 / (width * h)
     if p.curved:
-        root = np.sqrt(x)
-        tau = min(max(root / (root + np.sqrt(1.0 - x)), _OFF_CURVE), 1.0 - _OFF_CURVE)
-    first, many = p.tau + h[strip + 2], h[strip + 5]
-    i = _locate(n, first, h[strip + 3], h[p.bucket_tau + h[strip + 4] + min(int(tau * many), many - 1)], tau)
-    row = h[strip + 7]
-    start = h[strip + 6] + i * row + j * 4 * p.k
-    step, g = n[first + i + 1] - n[first + i], n[p.v + j + 1] - n[p.v + j]
-    return _Place(p.c + start, row, (tau - n[first + i]) / step, step, (v - n[p.v + j]) / g, g, x, tau, left, right)
+        rest = 1.0 - tau
+        both = tau * tau + rest * rest
+        per_u = both * both / (2.0 * tau * rest * width * h)
+    sign = -1.0 if turned else 1.0
+    return per_u, sign * (v * moved * per_u), sign / g
 
 
-@numba.njit(cache=True, inline="always")
-def _signed(p: _Parts, q: Weights, v: float, c: int) -> Weights:
-    """Quantities c … c + 3 of v < 0 from those of −v."""
-    if p.mirror and v < 0.0:
-        n, at = p.n, p.parity + c
-        return q[0] * n[at], q[1] * n[at + 1], q[2] * n[at + 2], q[3] * n[at + 3]
-    return q
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _snap(p: _Parts, s: float) -> float:
+    """The place in an interval that is looked up: that of the nearest node, or s itself."""
+    end = 1.0 if s > 0.5 else 0.0
+    return end if p.nearest else s
 
 
-@numba.njit(cache=True, inline="always")
-def _four(p: _Parts, nearest: bool, at: _Place, v: float, c: int) -> Weights:
-    """Quantities c … c + 3."""
-    f, start = p.n, at.start + 4 * c
-    if nearest:
-        node = start + (at.row if at.s > 0.5 else 0) + (4 * p.k if at.r > 0.5 else 0)
-        return _signed(p, (f[node], f[node + 1], f[node + 2], f[node + 3]), v, c)
-    return _signed(p, _patch(f, start, at.row, 4 * p.k, _hermite(at.s, at.h), _hermite(at.r, at.g)), v, c)
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _turned(p: _Parts, v: float) -> bool:
+    """Is v < 0 to be had from −v."""
+    return bool(p.mirror & (v < 0.0))
 
 
-@numba.njit(cache=True, inline="always")
-def _inside(p: _Parts, u: float, v: float) -> bool:
-    """Is the direction within the table."""
-    return bool(-p.n[p.edges + 2] <= u <= -p.n[p.edges + 5] and _clamped(p, v) == (abs(v) if p.mirror else v))
-
-
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def lookup(t: TableArrays, u: float, v: float) -> tuple[float, float, float, float, bool]:
     """(q_g, q_r, q_n, absorptance, inside) of one direction; outside the table the edge value with inside = False."""
     p = _open(t)
-    if not t.axisymmetric:
-        q0, q1, q2, q3 = _four(p, t.nearest, _place(p, u, v), v, 0)
-        return q0, q1, q2, q3, _inside(p, u, v)
-    s = np.sqrt(u * u + v * v)
-    q0, q1, q2, q3 = _four(p, t.nearest, _place(p, s, 0.0), 0.0, 0)
-    g, r = (q0 * u / s, q0 * v / s) if s > 0.0 else (0.0, 0.0)
-    return g, r, q2, q3, _inside(p, s, 0.0)
+    x, y = (np.sqrt(u * u + v * v), 0.0) if t.axisymmetric else (u, v)
+    inside, folded = _inside(p, x, y), _fold(p, y)
+    root_0, root_1 = _roots(p, folded)
+    at = _place(p, x, folded, root_0, root_1)
+    s, r = _snap(p, at.s), _snap(p, at.r)
+    q0, q1, q2, q3 = values(p.n, at.start, at.row, 4 * p.k, s, at.h, r, at.g, p.parity, _turned(p, y))
+    if t.axisymmetric:
+        q0, q1 = (q0 * u / x, q0 * v / x) if x > 0.0 else (0.0, 0.0)
+    return q0, q1, q2, q3, inside
+
+
+@numba.njit(cache=True, error_model="numpy")
+def lookup_slopes(t: TableArrays, u: float, v: float, out: Floats) -> bool:
+    """Write value, ∂u and ∂v of (q_g, q_r, q_n, absorptance, …) into out (3, k); returns inside.
+
+    Not for axisymmetric tables. On a cut-off, where slopes are infinite, they are large.
+    """
+    p = _open(t)
+    folded, turned = _fold(p, v), _turned(p, v)
+    root_0, root_1 = _roots(p, folded)
+    at = _place(p, u, folded, root_0, root_1)
+    per = _turning(p, folded, root_0, root_1, at.line, at.above, at.width, at.tau, at.h, at.g, turned)
+    for c in range(0, p.k, 4):
+        place = at.start + 4 * c
+        q = value_and_slopes(
+            p.n, place, at.row, 4 * p.k, at.s, at.h, at.r, at.g, p.parity + c, turned, per[0], per[1], per[2]
+        )
+        _store(out, c, q)
+    return _inside(p, u, v)
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _store(out: Floats, c: int, q: tuple[float, ...]) -> None:
+    """Four values and their slopes into out (3, k)."""
+    out[0, c], out[0, c + 1], out[0, c + 2], out[0, c + 3] = q[:4]
+    out[1, c], out[1, c + 1], out[1, c + 2], out[1, c + 3] = q[4:8]
+    out[2, c], out[2, c + 1], out[2, c + 2], out[2, c + 3] = q[8:]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _fold_many(p: _Parts, v: Floats, begin: int, size: int, f: Floats, b: Indices) -> None:
+    """First pass: what depends on v alone."""
+    for i in range(size):
+        f[_V + i] = _fold(p, read(v, begin + i))
+    for i in range(size):
+        f[_ROOT_0 + i], f[_ROOT_1 + i] = _roots(p, f[_V + i])
+    for i in range(size):
+        b[_BUCKET + i] = _bucket(f[_V + i] - p.v_first, p.per_v, p.top)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _band_many(p: _Parts, u: Floats, begin: int, size: int, f: Floats, b: Indices) -> None:
+    """Second pass: lines and strips."""
+    for i in range(size):
+        band = _band(p, read(u, begin + i), f[_V + i], b[_BUCKET + i], f[_ROOT_0 + i], f[_ROOT_1 + i])
+        f[_ABOVE + i], f[_WIDTH + i], f[_R + i], f[_G + i] = band.above, band.width, band.r, band.g
+        b[_STRIP + i], b[_START + i], b[_LINE + i] = band.strip, band.start, band.line
+        f[_MANY + i] = float(read(p.h, band.strip + 2))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _tau_many(p: _Parts, size: int, f: Floats, b: Indices) -> None:
+    """Third pass: τ and its bucket."""
+    if p.curved:
+        for i in range(size):
+            f[_TAU + i] = _tau(_part(f[_ABOVE + i], f[_WIDTH + i]))
+    else:
+        for i in range(size):
+            f[_TAU + i] = _part(f[_ABOVE + i], f[_WIDTH + i])
+    for i in range(size):
+        b[_BUCKET + i] = _bucket(f[_TAU + i], f[_MANY + i], f[_MANY + i] - 1.0)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _column_many(p: _Parts, size: int, f: Floats, b: Indices) -> None:
+    """Fourth pass: the patch and the place in it."""
+    for i in range(size):
+        k, row, s, h = _column(p, b[_STRIP + i], b[_BUCKET + i], f[_TAU + i])
+        f[_S + i], f[_H + i] = s, h
+        b[_ROW + i] = row
+        b[_START + i] += k * row
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _turn_many(p: _Parts, v: Floats, begin: int, size: int, f: Floats, b: Indices) -> None:
+    """Fifth pass, for slopes: what turns those by s and r into those by u and v."""
+    for i in range(size):
+        f[_PER_U + i], f[_TAU_V + i], f[_PER_V + i] = _turning(
+            p, f[_V + i], f[_ROOT_0 + i], f[_ROOT_1 + i], b[_LINE + i], f[_ABOVE + i], f[_WIDTH + i], f[_TAU + i],
+            f[_H + i], f[_G + i], _turned(p, read(v, begin + i)),
+        )
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _fetch(p: _Parts, i: int, size: int, b: Indices) -> None:
+    """Have the coefficients brought that will be summed soon."""
+    ahead = i + _AHEAD
+    ahead = ahead if ahead < size else size - 1
+    start, row = b[_START + ahead], b[_ROW + ahead]
+    for c in range(0, 4 * p.k, 8):
+        prefetch(p.n, start + c)
+        prefetch(p.n, start + 4 * p.k + c)
+        prefetch(p.n, start + row + c)
+        prefetch(p.n, start + row + 4 * p.k + c)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _sum_many(p: _Parts, v: Floats, begin: int, size: int, f: Floats, b: Indices, out: Floats) -> None:
+    """Last pass: the sums over patches."""
+    for i in range(size):
+        _fetch(p, i, size, b)
+        start, row, turned = b[_START + i], b[_ROW + i], _turned(p, read(v, begin + i))
+        s, h, r, g = _snap(p, f[_S + i]), f[_H + i], _snap(p, f[_R + i]), f[_G + i]
+        for c in range(0, p.k, 4):
+            q = values(p.n, start + 4 * c, row, 4 * p.k, s, h, r, g, p.parity + c, turned)
+            out[begin + i, c], out[begin + i, c + 1], out[begin + i, c + 2], out[begin + i, c + 3] = q
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _slope_many(p: _Parts, v: Floats, begin: int, size: int, f: Floats, b: Indices, out: Floats) -> None:
+    """Last pass, with slopes."""
+    for i in range(size):
+        _fetch(p, i, size, b)
+        start, row, turned = b[_START + i], b[_ROW + i], _turned(p, read(v, begin + i))
+        s, h, r, g = f[_S + i], f[_H + i], f[_R + i], f[_G + i]
+        per_u, tau_v, per_v = f[_PER_U + i], f[_TAU_V + i], f[_PER_V + i]
+        for c in range(0, p.k, 4):
+            place = start + 4 * c
+            q = value_and_slopes(
+                p.n, place, row, 4 * p.k, s, h, r, g, p.parity + c, turned, per_u, tau_v, per_v
+            )
+            _store(out[begin + i], c, q)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _locate_many(p: _Parts, u: Floats, v: Floats, begin: int, size: int, f: Floats, b: Indices) -> None:
+    """The passes that find the patches of a block."""
+    _fold_many(p, v, begin, size, f, b)
+    _band_many(p, u, begin, size, f, b)
+    _tau_many(p, size, f, b)
+    _column_many(p, size, f, b)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _outside(p: _Parts, u: Floats, v: Floats) -> tuple[int, int]:
+    """How many directions lie outside the table, and the first of them, or −1."""
+    count = 0
+    for i in range(u.size):
+        count += not _inside(p, u[i], v[i])
+    for i in range(u.size if count else 0):
+        if not _inside(p, u[i], v[i]):
+            return count, i
+    return count, -1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _many(p: _Parts, u: Floats, v: Floats, out: Floats) -> None:
+    """Values of many directions, block by block."""
+    f, b = np.empty(14 * _BLOCK), np.empty(5 * _BLOCK, np.int64)
+    for begin in range(0, u.size, _BLOCK):
+        size = min(_BLOCK, u.size - begin)
+        _locate_many(p, u, v, begin, size, f, b)
+        _sum_many(p, v, begin, size, f, b, out)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -301,73 +416,24 @@ def lookup_many(t: TableArrays, u: Floats, v: Floats, out: Floats) -> tuple[int,
     Returns how many directions lie outside the table (they get the edge value) and the first of them, or −1.
     """
     p = _open(t)
-    count, first = 0, -1
-    for i in range(u.size):
-        x, y = u[i], v[i]
-        if t.axisymmetric:
-            x, y = np.sqrt(x * x + y * y), 0.0
-        at = _place(p, x, y)
-        for c in range(0, p.k, 4):
-            out[i, c], out[i, c + 1], out[i, c + 2], out[i, c + 3] = _four(p, t.nearest, at, y, c)
-        if t.axisymmetric:
+    x, y = u, v
+    if t.axisymmetric:
+        x, y = np.sqrt(u * u + v * v), np.zeros(u.size)
+    _many(p, x, y, out)
+    if t.axisymmetric:
+        for i in range(u.size):
             along = out[i, 0]
-            out[i, 0], out[i, 1] = (along * u[i] / x, along * v[i] / x) if x > 0.0 else (0.0, 0.0)
-        if not _inside(p, x, y):
-            count += 1
-            first = i if first < 0 else first
-    return count, first
-
-
-@numba.njit(cache=True, inline="always")
-def _turning(p: _Parts, at: _Place, v: float) -> tuple[float, float]:
-    """∂τ/∂u, and ∂τ/∂v at fixed u, of a place; √(index² − v²) in the lines changes by −v / √(index² − v²)."""
-    n, left, right = p.n, p.lines + 3 * at.left, p.lines + 3 * at.right
-    root_0, root_1 = np.sqrt(n[0] - v * v), np.sqrt(n[1] - v * v)
-    width = _line_at(p, at.right, root_0, root_1) - _line_at(p, at.left, root_0, root_1)
-    tau_x = 1.0
-    if p.curved:
-        both = at.tau * at.tau + (1.0 - at.tau) * (1.0 - at.tau)
-        tau_x = both * both / (2.0 * at.tau * (1.0 - at.tau))
-    per_u = tau_x / max(width, _THIN)
-    moved = (n[left] + (n[right] - n[left]) * at.x) / root_0
-    moved += (n[left + 1] + (n[right + 1] - n[left + 1]) * at.x) / root_1
-    return per_u, v * moved * per_u
-
-
-@numba.njit(cache=True, inline="always")
-def _slopes(p: _Parts, u: float, v: float, out: Floats) -> None:
-    """Value, ∂u and ∂v of each quantity (3, k) at one direction."""
-    at = _place(p, u, v)
-    tau_u, tau_v = _turning(p, at, _clamped(p, v))
-    a, b = _hermite(at.s, at.h), _hermite(at.r, at.g)
-    da, db = _hermite_slope(at.s, at.h), _hermite_slope(at.r, at.g)
-    k = p.k
-    turned = -1.0 if p.mirror and v < 0.0 else 1.0
-    for c in range(0, k, 4):
-        start = at.start + 4 * c
-        f = _signed(p, _patch(p.n, start, at.row, 4 * k, a, b), v, c)
-        f_tau = _signed(p, _patch(p.n, start, at.row, 4 * k, da, b), v, c)
-        f_v = _signed(p, _patch(p.n, start, at.row, 4 * k, a, db), v, c)
-        out[0, c], out[0, c + 1], out[0, c + 2], out[0, c + 3] = f
-        for i in numba.literal_unroll((0, 1, 2, 3)):
-            out[1, c + i] = f_tau[i] * tau_u
-            out[2, c + i] = turned * (f_v[i] + f_tau[i] * tau_v)
-
-
-@numba.njit(cache=True)
-def lookup_slopes(t: TableArrays, u: float, v: float, out: Floats) -> bool:
-    """Write value, ∂u and ∂v of (q_g, q_r, q_n, absorptance, …) into out (3, k); returns inside.
-
-    Not for axisymmetric tables. On a cut-off, where slopes are infinite, they are large.
-    """
-    p = _open(t)
-    _slopes(p, u, v, out)
-    return _inside(p, u, v)
+            out[i, 0], out[i, 1] = (along * u[i] / x[i], along * v[i] / x[i]) if x[i] > 0.0 else (0.0, 0.0)
+    return _outside(p, x, y)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def lookup_slopes_many(t: TableArrays, u: Floats, v: Floats, out: Floats) -> None:
     """`lookup_slopes` of many directions u, v (n,) into out (n, 3, k); the same bits."""
     p = _open(t)
-    for i in range(u.size):
-        _slopes(p, u[i], v[i], out[i])
+    f, b = np.empty(14 * _BLOCK), np.empty(5 * _BLOCK, np.int64)
+    for begin in range(0, u.size, _BLOCK):
+        size = min(_BLOCK, u.size - begin)
+        _locate_many(p, u, v, begin, size, f, b)
+        _turn_many(p, v, begin, size, f, b)
+        _slope_many(p, v, begin, size, f, b, out)

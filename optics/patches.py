@@ -1,4 +1,4 @@
-"""From the values of a table to the Hermite coefficients that `optics.interpolation` sums.
+"""From the values of a table to the Hermite coefficients that `optics.patch_sum` sums.
 
 On each stored line of v, the rows in a strip and the exact values on its two cut-offs are nodes of a polynomial in τ
 (`optics.strips`), piece by piece. It is read at nodes in τ that all lines of a lane share, at least as dense as the
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optics.strips import NEAR, Floats, Indices, Layout, Strip, local_weights, to_tau
+from optics.strips import NEAR, Floats, Layout, Strip, local_weights, to_tau
 
 # Common nodes in τ per row, and the nodes of the polynomial that leads from the rows to them.
 _DENSITY = 1.5
@@ -186,9 +186,3 @@ def make_patches(layout: Layout, values: Values) -> list[Patches]:
         first, tau, f = lanes[strip.lane]
         patches.append(_strip_patches(layout, values, strip, tau, f[..., strip.first - first : strip.last - first + 1]))
     return patches
-
-
-def buckets(nodes: Floats, per_node: int = 4) -> Indices:
-    """The node at or left of the start of each of equal parts of the nodes' range, to find a place quickly."""
-    edges = np.linspace(nodes[0], nodes[-1], per_node * nodes.size, endpoint=False)
-    return np.clip(np.searchsorted(nodes, edges, side="right") - 1, 0, nodes.size - 2)
