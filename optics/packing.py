@@ -2,36 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optics.patches import Patches, Values
+from optics.places import HEADER, LINE, Floats, Indices, TableArrays
 from optics.strips import Layout
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
-# How many numbers belong to the table, a node, a line and a strip. A strip: where its nodes of τ begin and their
-# buckets, how many of these, where its coefficients would begin if it began at the first v node, numbers to the next τ.
-HEADER, NODE, LINE, STRIP = 16, 3, 3, 5
 # Coefficients begin where a cache line of memory does, in numbers.
 _CACHE_LINE = 8
 _PER_NODE = 4
-
-
-class TableArrays(NamedTuple):
-    """A table for compiled kernels: see `lookup`. What the arrays hold is known to `optics.packing`.
-
-    numbers (n,), places (m,): everything, one after the other. axisymmetric: v is collapsed, u is the sine of the angle
-    of incidence. nearest: return the nearest node's value.
-    """
-
-    numbers: Floats
-    places: Indices
-    axisymmetric: bool
-    nearest: bool
 
 
 def _line_table(layout: Layout) -> tuple[Floats, list[float]]:

@@ -1,5 +1,7 @@
 """Nanoseconds a look-up, of random directions in a table split at cut-offs and in a plain one of the same run.
 
+In batches, as flexible sails look theirs up, and one by one, as rigid sails do: there each waits for the one before.
+
     python workflow/benchmarks/table_lookup.py TABLE.h5
 """
 
@@ -12,12 +14,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 
-from optics.interpolation import lookup_slopes_many
-from optics.table import PressureTable, lookup_many
+from optics.interpolation import Floats, TableArrays, lookup, lookup_many, lookup_slopes_many
+from optics.table import PressureTable
 
-DIRECTIONS, REPEATS = 8192, 300
+DIRECTIONS, REPEATS = 20_000, 300
 
 
 def nanoseconds(function: Callable[..., Any], *arguments: Any) -> float:
@@ -31,8 +34,17 @@ def nanoseconds(function: Callable[..., Any], *arguments: Any) -> float:
     return best / DIRECTIONS * 1e9
 
 
+@numba.njit(cache=True)
+def one_by_one(arrays: TableArrays, u: Floats, v: Floats) -> float:
+    """Sum of q_g, each look-up in need of the one before."""
+    q = 0.0
+    for i in range(u.size):
+        q += lookup(arrays, u[i] + 1e-300 * q, v[i])[0]
+    return q
+
+
 def main() -> None:
-    """Print one line each for values and for values with slopes."""
+    """Print one line each for values, for values with slopes and for single look-ups."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("table", type=Path)
     table = PressureTable.read(parser.parse_args().table)
@@ -43,6 +55,7 @@ def main() -> None:
         arrays = one.arrays()
         print(f"{name:18s} values            {nanoseconds(lookup_many, arrays, u, v, values):6.1f} ns")
         print(f"{name:18s} values and slopes {nanoseconds(lookup_slopes_many, arrays, u, v, slopes):6.1f} ns")
+        print(f"{name:18s} values one by one {nanoseconds(one_by_one, arrays, u, v):6.1f} ns")
 
 
 if __name__ == "__main__":
