@@ -21,6 +21,9 @@ from optics.lamellar import Lamella, lamellae, square_root, toeplitz_matrix
 # A YAML field of a stack: layers[0].thickness_nm, layers[0].ridges[1].start_nm, layers[0].ridges[1].width_nm
 _FIELD = re.compile(r"layers\[(\d+)\]\.(?:(thickness_nm)|ridges\[(\d+)\]\.(start_nm|width_nm))$")
 _GRATING = {"ridge_height_nm": "layers[0].thickness_nm", "membrane_nm": "layers[1].thickness_nm"}
+# A homogeneous layer in which k_z² of an order is less than this is made denser by as much: q moves by a tenth of it,
+# and derivatives, which lose digits as 1/k_z², keep six behind the point.
+_ALONG = 1e-6
 _RIDGE = re.compile(r"ridges_nm\[(\d+)\]\[([01])\]$")
 
 
@@ -144,9 +147,13 @@ def _waves(seeds: _Seeds, i: int, layer: Lamella, u_m: Dual, v: Dual) -> tuple[D
         beta2_p, phi = dual.eig(dual.solve(inverse, one - k @ inverse_epsilon_k))
         displaced, k_phi = inverse @ phi * beta2_p, inverse_epsilon_k @ phi
     else:
-        beta2_s = beta2_p = layer.background - u_m * u_m
+        background = layer.background
+        # An order along the layer (k_z = 0) is no cut-off, but its two waves are one there.
+        if np.abs(background - u_m.value**2 - v.value**2).min() < _ALONG:
+            background += _ALONG
+        beta2_s = beta2_p = background - u_m * u_m
         psi = phi = dual.lift(one.astype(complex), k)
-        displaced, k_phi = dual.diagonal(beta2_p) / layer.background, k / layer.background
+        displaced, k_phi = dual.diagonal(beta2_p) / background, k / background
     k_s, k_p = (dual.sqrt(beta2 - v * v, square_root) for beta2 in (beta2_s, beta2_p))
     electric, magnetic, across = psi * k_s, psi * beta2_s, v * (_column(u_m) * psi)
     s_plus = dual.concatenate([-electric - magnetic, across], 0)

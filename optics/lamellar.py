@@ -124,6 +124,8 @@ def modes(layer: Lamella, u_m: Floats) -> LayerModes:
     if not layer.ridges:
         one, k = np.eye(u_m.size, dtype=complex), np.diag(u_m).astype(complex)
         beta2 = layer.background - u_m**2 + 0j
+        # At β = 0 a mode's E and h, which hold k_z and β², would not belong together once k_z is moved off zero.
+        beta2 = np.where(np.abs(beta2) < _CUTOFF**2, 1j * _CUTOFF**2, beta2)
         return LayerModes(beta2, one, k, beta2, one, np.diag(beta2) / layer.background, k / layer.background)
     epsilon, inverse, inverse_epsilon, inverse_inverse = _operators(layer, u_m.size)
     beta2_s, psi = np.linalg.eig(epsilon - np.diag(u_m**2))
@@ -310,7 +312,7 @@ def solve(
     """
     stack = prepare(cell)
     u, v = np.asarray(u, float), np.asarray(v, float)
-    blocks_of_u = np.array_split(u, max(1, u.size * v.size // _BLOCK))
+    blocks_of_u = np.array_split(u, max(1, min(u.size, u.size * v.size // _BLOCK)))
     done = [
         _solve_block(cell.electric_axis, stack, np.repeat(part, v.size), np.tile(v, part.size), order, negligible)
         for part in blocks_of_u

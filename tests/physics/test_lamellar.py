@@ -94,6 +94,12 @@ def test_stokes_response_of_a_film_is_that_of_its_s_and_p():
         assert stokes(u, v, field) @ response == pytest.approx(expected, abs=1e-13)
 
 
+def test_many_v_of_few_u_are_solved():
+    one, all_v = np.array([0.1]), np.linspace(0.0, 0.3, 600)
+    many = solve(stack(GRATING), np.array([0.0, 0.1]), all_v, 2).q
+    assert np.array_equal(many[1, [0, -1]], solve(stack(GRATING), one, all_v[[0, -1]], 2).q[0])
+
+
 def test_mirrored_light_has_mirrored_stokes_components():
     """v → −v is a mirror: q_g and q_n are even for (1, s₁) and odd for (s₂, s₃), q_r the other way round."""
     cell = stack(GRATING, SECOND)
@@ -152,6 +158,19 @@ def test_derivatives_of_a_metagrating_go_by_its_own_field_names(fixture, request
     for dot, name in zip(found.q_dot, names, strict=True):
         expected = difference(lambda h, n=name: solve(moved(cell, n, h), [0.02], [0.01], 10).q[0, 0], 0.05)
         assert np.abs(dot - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("axis", ["g", "r"])
+def test_an_order_that_runs_along_an_inner_layer_is_no_special_case(axis):
+    """k_z = 0 between two gratings is no cut-off: q is smooth there, and so are its slopes."""
+    film = {"thickness_nm": 150.0, "index": {"n": 2.0}}
+    cell = stack(GRATING, film, SECOND, axis=axis, front=1.5, back=1.5).model_copy(update={"period_nm": 1064.0})
+
+    def q(u):
+        return solve(cell, np.array([u]), np.zeros(1), 8).q[0, 0]
+
+    assert np.abs(q(0.0) - (q(1e-6) + q(-1e-6)) / 2).max() < 1e-7
+    assert np.abs(derivatives(cell, 0.0, 0.0, 8).q_dot[0] - difference(q, 4e-4)).max() < 2e-6
 
 
 def test_an_unknown_parameter_is_refused_by_name(te):
