@@ -34,15 +34,20 @@ COLUMNS = (
 SCHEMA = pa.schema([("cell", pa.int64()), *((name, pa.float64()) for name in COLUMNS), ("order", pa.int64())])
 
 
+def _at_cutoff(pitch: float, index: float) -> bool:
+    """Whether an order grazes at normal incidence: m λ/d = index."""
+    nearest = max(1.0, round(index / pitch))
+    return abs(nearest * pitch / index - 1.0) < CUTOFF
+
+
 def slopes(cell: Metagrating | LamellarStack, order: int) -> tuple[Floats, Floats]:
     """Value q (3,) and its gradient (3, 2) at normal incidence with diffraction orders −order … order.
 
     Along v the response is even but for q_r = v a: momentum along the ridges is lost to absorption alone. At a Rayleigh
-    cut-off, a period of a whole number of wavelengths, q has no gradient: NaN.
+    cut-off, a period of a whole number of wavelengths in front of the cell or behind it, q has no gradient: NaN.
     """
     found = derivatives(cell, 0.0, 0.0, order, ("u",))
-    nearest = max(1.0, round(1.0 / cell.pitch))
-    if abs(nearest * cell.pitch - 1.0) < CUTOFF:
+    if any(_at_cutoff(cell.pitch, index) for index in (cell.surroundings.front, cell.surroundings.back)):
         return found.q, np.full((3, 2), np.nan)
     return found.q, np.stack([found.q_dot[0], [0.0, found.absorptance, 0.0]], axis=1)
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optics.files import InputError
 from optics.patches import slope_matrix
 from optics.table import PressureTable
 
@@ -50,11 +51,14 @@ def table_response(table: PressureTable) -> NormalResponse:
 
     The error of a slope is then that of the table over `ERROR_SCALE`, plus half the step of a kink at the origin. Of
     q_r = v a it is at most that of an absorptance twice as large or none: momentum along the ridges is lost to
-    absorption alone.
+    absorption alone. InputError where the cell has no slopes, at a Rayleigh cut-off.
     """
     noted = table.attrs.get(ATTRIBUTE)
     if noted is not None:
-        return NormalResponse(*(np.array(noted[name], float) for name in NormalResponse.__dataclass_fields__))
+        found = NormalResponse(*(np.array(noted[name], float) for name in NormalResponse.__dataclass_fields__))
+        if not np.all(np.isfinite(found.gradient)):
+            raise InputError(f"table '{table.name}': an order grazes at normal incidence, where q has no slope")
+        return found
     error = _error_near(table)
     slope_error = error / ERROR_SCALE * ALLOWED
     slope_error[1, 1] = min(slope_error[1, 1], abs(float(table.absorptance(0.0, 0.0))))

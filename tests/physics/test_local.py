@@ -8,6 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from optics import local
+from optics.cells import Metagrating
+from optics.files import InputError
 from optics.modal import solve
 from optics.normal import table_response
 from optics.table import PressureTable
@@ -34,9 +36,18 @@ def test_slopes_are_those_of_the_solution(tm):
     assert gradient[1, 1] == pytest.approx((v[1] - v[0])[1] / step, rel=1e-3)
 
 
-def test_a_period_of_whole_wavelengths_has_no_slope(te):
-    cell = te.model_copy(update={"period_nm": te.wavelength_nm})
+@pytest.mark.parametrize("index", [{"front": 1.0}, {"front": 1.25}, {"front": 1.0, "back": 1.25}])
+def test_a_period_of_whole_wavelengths_on_either_side_has_no_slope(te, index):
+    data = te.model_dump() | {"period_nm": te.wavelength_nm, "surroundings": index}
+    data["period_nm"] = te.wavelength_nm / max(index.values())
+    data["ridges_nm"] = [[0.0, 500.0]]
+    cell = Metagrating.model_validate(data)
     assert np.isnan(local.slopes(cell, 6)[1]).all()
+    axis = np.array([-0.1, 0.1])
+    noted = {"normal_incidence": local.normal_response(cell, 6).as_dict()}
+    table = PressureTable(axis, axis, np.zeros((3, 2, 2)), np.zeros((2, 2)), np.ones((2, 2)), attrs=noted)
+    with pytest.raises(InputError, match="an order grazes at normal incidence"):
+        table_response(table)
 
 
 def test_a_table_tells_what_its_solver_noted(te):
