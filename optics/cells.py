@@ -8,16 +8,25 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from optics.files import InputError, Name, NonNegative, Pair, Positive, Strict, load_yaml, validate
+from optics.files import InputError, Name, Pair, Strict, load_yaml, validate
 
 ElectricAxis = Literal["g", "r"]
+
+# Wide enough for every cell, narrow enough for every number that follows to stay finite.
+Refraction = Annotated[float, Field(gt=0, le=1e6)]
+Extinction = Annotated[float, Field(ge=0, le=1e6)]
+Length = Annotated[float, Field(gt=0, le=1e12)]
+Thickness = Annotated[float, Field(ge=0, le=1e12)]
+Wavelength = Annotated[float, Field(ge=1e-3, le=1e12)]
+# Starts and widths are decimals: their sums may miss each other by this share of the period.
+_ROUNDING = 1e-12
 
 
 class Index(Strict):
     """Complex refractive index n + ik (time factor exp(−iωt): k > 0 absorbs)."""
 
-    n: Positive
-    k: NonNegative = 0.0
+    n: Refraction
+    k: Extinction = 0.0
 
     @property
     def permittivity(self) -> complex:
@@ -31,9 +40,9 @@ class Surroundings(Strict):
     The one behind may absorb (back_k > 0); light that enters it then counts as absorbed.
     """
 
-    front: Positive = 1.0
-    back: Positive = 1.0
-    back_k: NonNegative = 0.0
+    front: Refraction = 1.0
+    back: Refraction = 1.0
+    back_k: Extinction = 0.0
 
 
 class Metagrating(Strict):
@@ -46,27 +55,27 @@ class Metagrating(Strict):
 
     kind: Literal["metagrating"]
     name: Name
-    wavelength_nm: Positive
+    wavelength_nm: Wavelength
     electric_axis: ElectricAxis
-    period_nm: Positive
+    period_nm: Length
     ridges_nm: Annotated[list[Pair], Field(min_length=1)]
-    ridge_height_nm: Positive
-    membrane_nm: NonNegative
+    ridge_height_nm: Length
+    membrane_nm: Thickness
     index: Index
     surroundings: Surroundings = Surroundings()
-    corner_radius_nm: NonNegative = 0.0
+    corner_radius_nm: Thickness = 0.0
 
     @model_validator(mode="after")
     def _ridges_fit(self) -> Metagrating:
-        end = 0.0
+        end, near = 0.0, _ROUNDING * self.period_nm
         for i, (start, width) in enumerate(self.ridges_nm):
             if width <= 0:
                 raise ValueError(f"ridges_nm[{i}] = [{start:g}, {width:g}]: the width must be greater than 0")
-            if start < end:
+            if start < end - near:
                 what = "overlaps the ridge before it" if i else "starts left of the cell"
                 raise ValueError(f"ridges_nm[{i}] = [{start:g}, {width:g}] {what}: its start must be at least {end:g}")
             end = start + width
-        if end > self.period_nm:
+        if end > self.period_nm + near:
             raise ValueError(f"ridges_nm: the last ridge ends at {end:g}, beyond period_nm = {self.period_nm:g}")
         return self
 
@@ -99,7 +108,7 @@ class Metagrating(Strict):
 class Layer(Strict):
     """One homogeneous layer of a film, listed from the light side."""
 
-    thickness_nm: NonNegative
+    thickness_nm: Thickness
     index: Index
 
 
@@ -108,7 +117,7 @@ class ThinFilm(Strict):
 
     kind: Literal["thin_film"]
     name: Name
-    wavelength_nm: Positive
+    wavelength_nm: Wavelength
     polarisation: Literal["s", "p", "mean"] = "mean"
     layers: Annotated[list[Layer], Field(min_length=1)]
     surroundings: Surroundings = Surroundings()
@@ -123,15 +132,15 @@ class ThinFilm(Strict):
 class Ridge(Strict):
     """A ridge within a lamellar layer: where it starts along +g, its width, and what it is made of."""
 
-    start_nm: NonNegative
-    width_nm: Positive
+    start_nm: Thickness
+    width_nm: Length
     index: Index
 
 
 class LamellarLayer(Strict):
     """A layer whose index changes along g only: `index` with ridges in it that don't overlap."""
 
-    thickness_nm: NonNegative
+    thickness_nm: Thickness
     index: Index
     ridges: list[Ridge] = []
 
@@ -141,22 +150,23 @@ class LamellarStack(Strict):
 
     kind: Literal["lamellar"]
     name: Name
-    wavelength_nm: Positive
+    wavelength_nm: Wavelength
     electric_axis: ElectricAxis
-    period_nm: Positive
+    period_nm: Length
     layers: Annotated[list[LamellarLayer], Field(min_length=1)]
     surroundings: Surroundings = Surroundings()
 
     @model_validator(mode="after")
     def _ridges_fit(self) -> LamellarStack:
+        near = _ROUNDING * self.period_nm
         for i, layer in enumerate(self.layers):
             end = 0.0
             for j, ridge in enumerate(layer.ridges):
                 where = f"layers[{i}].ridges[{j}]"
-                if ridge.start_nm < end:
+                if ridge.start_nm < end - near:
                     raise ValueError(f"{where}.start_nm = {ridge.start_nm:g}: must be at least {end:g}")
                 end = ridge.start_nm + ridge.width_nm
-                if end > self.period_nm:
+                if end > self.period_nm + near:
                     raise ValueError(f"{where} ends at {end:g}, beyond period_nm = {self.period_nm:g}")
         return self
 
@@ -200,10 +210,10 @@ class Profile(Strict):
 
     kind: Literal["profile"]
     name: Name
-    wavelength_nm: Positive
+    wavelength_nm: Wavelength
     electric_axis: ElectricAxis
-    period_nm: Positive
-    depth_nm: Positive
+    period_nm: Length
+    depth_nm: Length
     polygons: Annotated[list[Polygon], Field(min_length=1)]
     surroundings: Surroundings = Surroundings()
 

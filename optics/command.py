@@ -6,6 +6,8 @@ import argparse
 
 from optics.files import InputError, check_out
 
+MOST_SLICES = 1000
+
 
 def table_arguments(
     module: str, description: str, tolerance: float, u_max: float, v_max: bool = True, slices: int | None = None
@@ -18,10 +20,13 @@ def table_arguments(
     add_table_arguments(parser, tolerance, u_max, v_max)
     if slices is not None:
         parser.add_argument(
-            "--slices", type=int, choices=range(1, 1001), default=slices, metavar="N",
+            "--slices", type=int, default=slices, metavar="N",
             help="layers that walls which are not upright are cut into (default %(default)s)",
         )
-    return checked(parser.parse_args())
+    arguments = checked(parser.parse_args())
+    if slices is not None and not 1 <= arguments.slices <= MOST_SLICES:
+        raise InputError(f"--slices = {arguments.slices}: must be between 1 and {MOST_SLICES}")
+    return arguments
 
 
 def add_table_arguments(parser: argparse.ArgumentParser, tolerance: float, u_max: float, v_max: bool = True) -> None:

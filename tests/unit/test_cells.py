@@ -29,6 +29,8 @@ DESIGN = (Path(__file__).parents[2] / "workflow/designs/mark1e_te.yaml").read_te
         ("period_nm: 1600", "period_nm: [", r"not valid YAML"),
         ("period_nm: 1600", "period_nm: 1600\nperiod_nm: 1500", r"not valid YAML: key 'period_nm' is given twice"),
         ("name: mark1e_te", "name: ../te", r"name = "),
+        ("period_nm: 1600", "period_nm: 1e300", r"period_nm = 1e\+300: must be less than or equal to 1000000000000"),
+        ("wavelength_nm: 1064", "wavelength_nm: 1e-300", r"1e-300: must be greater than or equal to 0.001"),
     ],
 )
 def test_bad_cells_are_refused_with_file_field_and_what_is_allowed(tmp_path, old, new, message):

@@ -60,6 +60,19 @@ def test_a_rounded_corner_loses_the_area_outside_of_its_arc_at_second_order(te):
         assert (vertices[:, 0].min(), vertices[:, 0].max()) == (start, start + width)
 
 
+def test_walls_that_meet_at_any_decimal_leave_no_overlap():
+    """Start and width of a ridge are rounded apart: their sum may pass the start of the next by a bit."""
+    rng = np.random.default_rng(0)
+    for period in np.round(rng.uniform(700, 2500, 200), 2).tolist():
+        a, b = np.sort(rng.uniform(0, period, 2)).tolist()
+        left = [[0.0, 0.0], [a, 0.0], [b, 600.0], [0.0, 600.0]]
+        right = [[a, 0.0], [period, 0.0], [period, 600.0], [b, 600.0]]
+        polygons = [{"index": {"n": n}, "vertices_nm": wall} for n, wall in ((2.0, left), (1.5, right))]
+        cell = Profile.model_validate(SLANTED | {"period_nm": period, "polygons": polygons})
+        exact = 300 * (a + b) * (4 - 2.25) + 600 * period * 1.25
+        assert area(staircase(cell, 8)) == pytest.approx(exact, rel=1e-12)
+
+
 def test_a_later_polygon_lies_over_an_earlier_one():
     hole = {"index": {"n": 1.0}, "vertices_nm": [[300.0, 450.0], [500.0, 450.0], [500.0, 550.0], [300.0, 550.0]]}
     cell = Profile.model_validate(SLANTED | {"polygons": [*SLANTED["polygons"], hole]})
