@@ -71,13 +71,27 @@ def choose_nodes(
     return refine(start(response, curves, u, v, PARITY), tolerance, f"modal {cell.name}")
 
 
+def propagating(cell: Metagrating | LamellarStack, u_max: float) -> int:
+    """Highest diffraction order that may leave the cell for |u| ≤ u_max; InputError beyond what can be solved."""
+    reach = max(cell.surroundings.front, cell.surroundings.back) + u_max
+    if reach > _LADDER[-3] * cell.pitch:
+        raise InputError(
+            f"{cell.name}: period_nm = {cell.period_nm:g}: must be at most "
+            f"{_LADDER[-3] * cell.wavelength_nm / reach:g}; more than ±{_LADDER[-3]} diffraction orders would propagate"
+        )
+    return int(reach / cell.pitch)
+
+
 def choose_order(cell: Metagrating | LamellarStack, u: Floats, v: Floats, tolerance: float) -> int:
     """Fewest orders whose error is below `tolerance` at 95 % of u × v.
 
     It is seen against 1.5 times as many orders (the next but one step), which still have 0.4 of it, as N⁻² falls.
     """
+    least = propagating(cell, float(np.abs(u).max()))
     results: dict[int, Floats] = {}
     for order, finer in zip(_LADDER, _LADDER[2:], strict=False):
+        if order < least:
+            continue
         for n in (order, finer):
             if n not in results:
                 results[n] = solve(cell, u, v, n).q
@@ -109,11 +123,13 @@ def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, to
     q, absorptance, *stokes = _apart(found.nodes)
     error = order_error(cell, found.u, found.v, order, np.moveaxis(q, 0, -1)) + refined.error
     cutoffs = Cutoffs(found.curves, *_apart(found.on_curves)) if len(found.curves) else None
-    lossless = all(epsilon.imag == 0 for _, epsilon in polygons(cell))
+    around = cell.surroundings
+    lossless = around.back_k == 0 and all(epsilon.imag == 0 for _, epsilon in polygons(cell))
+    grazing = {x for n in (around.front, around.back) for x in rayleigh_cutoffs(cell.pitch, u_max, index=n)}
     attrs = {
         "name": cell.name, "solver": "modal", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
         "settings": {"u_max": u_max, "v_max": v_max, "tolerance": tolerance, "orders": order},
-        "cutoffs": rayleigh_cutoffs(cell.pitch, u_max, index=cell.surroundings.front),
+        "cutoffs": sorted(grazing),
         "energy_imbalance": float(np.abs(absorptance).max() if lossless else max(0.0, -absorptance.min())),
         ATTRIBUTE: normal_response(cell, order).as_dict(),
         "wall_seconds": watch.seconds, "versions": versions("numpy", "scipy"),

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from optics.command import check_range, table_arguments
 from optics.files import run_stage, write_json
-from optics.modal import solve
+from optics.modal import propagating, solve
 from optics.outline import Grating, read_grating, upright
 from optics.sampling import choose_nodes
 
@@ -22,7 +22,8 @@ def fdtd_nodes(cell: Grating, u_max: float, v_max: float, tolerance: float) -> d
     """Tensor nodes from which interpolation of the modal response meets `tolerance`: {'name', 'u', 'v', …}."""
     u = np.linspace(-u_max, u_max, 2 * int(np.ceil(u_max / _SPACING)) + 1)
     v = np.linspace(0.0, v_max, 13)
-    q = solve(upright(cell), u, v, _ORDER).q[..., [0, 2]]
+    stack = upright(cell)
+    q = solve(stack, u, v, max(_ORDER, propagating(stack, u_max))).q[..., [0, 2]]
     u_nodes, v_nodes = choose_nodes(u, v, q, tolerance)
     return {"name": cell.name, "u": u_nodes.tolist(), "v": v_nodes.tolist(), "tolerance": tolerance}
 

@@ -109,6 +109,8 @@ def first_lines(at: Floats, count: int) -> Floats:
 def _error(samples: Samples, arrays: TableArrays, u: Floats, v: Floats) -> Floats:
     """Largest error of the table (n_u, n_v) at directions u × v."""
     n = samples.parity.size
+    if u.size * v.size == 0:
+        return np.empty((u.size, v.size))
     out = np.empty((u.size * v.size, n))
     lookup_many(arrays, np.repeat(u, v.size), np.tile(v, u.size), out)
     return np.abs(samples.solve(u, v)[:n].reshape(n, -1).T - out).max(axis=1).reshape(u.size, v.size)

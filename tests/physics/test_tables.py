@@ -4,6 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
+from optics.cells import Metagrating
 from optics.files import InputError
 from optics.incidence import electric_vector, stokes
 from optics.interpolation import lookup_many
@@ -78,6 +79,29 @@ def test_the_gradient_is_that_of_the_values_and_continuous_off_the_cutoffs(made)
             above, below = table.gradient(u, line + 1e-12), table.gradient(u, line - 1e-12)
             near = np.abs(curves.take(curves.offset == 0.0).u(np.array([line])) - u).min(axis=0) < 1e-3
             assert np.abs(above - below)[~near].max() < 1e-6
+
+
+def test_a_lossless_cell_on_an_absorber_keeps_its_energy_balance(te):
+    around = {"front": 1.0, "back": 1.5, "back_k": 0.5}
+    cell = Metagrating.model_validate(te.model_dump() | {"index": {"n": 2.0}, "surroundings": around})
+    table = make_table(cell, 0.05, 0.05, 0.1)
+    assert table.absorptance_nodes.min() > 0.5
+    assert table.attrs["energy_imbalance"] == 0.0
+
+
+def test_more_orders_than_can_be_solved_are_refused(te):
+    wide = Metagrating.model_validate(te.model_dump() | {"period_nm": 2e5})
+    with pytest.raises(InputError, match=r"period_nm = 200000: must be at most 101\d\d\d; more than ±100"):
+        make_table(wide, 0.05, 0.05, 0.1)
+
+
+def test_a_narrow_window_far_along_the_ridges_is_held(te):
+    """Its rows are good from the start; only the surroundings of its cut-offs are refined."""
+    cell = Metagrating.model_validate(te.model_dump() | {"period_nm": 1500.0, "ridges_nm": [[100.0, 600.0]]})
+    table = make_table(cell, 0.05, 0.99, 3e-2)
+    v = np.linspace(0.0, 0.98, 40)
+    exact = solve(cell, np.array([0.02]), v, table.attrs["settings"]["orders"]).q[0]
+    assert np.quantile(np.abs(table.q(0.02, v) - exact).max(axis=-1), 0.9) < 3e-2
 
 
 def test_v_and_minus_v_mirror_also_in_the_gradient(made):
