@@ -18,7 +18,6 @@ from optics.outline import Grating, polygons
 
 # No direction is better than this, whatever two resolutions say: what absorbers and the rest of the pulse leave.
 _ERROR_FLOOR = 2e-4
-_GRAZING = 0.1
 # Closer to a cut-off q errs by 2e-2 and more (TM cell, u = 0.211, |w| = 0.045), and the estimate doesn't see it.
 _GRAZING = 0.1
 # Orders at less than this need more of an absorber, up to twice.

@@ -39,6 +39,8 @@ HOW_TO_GET_MEEP = (
     "the package 'meep' on PyPI is something else"
 )
 
+_STEP = 5  # periods between two looks at the amplitudes
+
 
 def import_meep() -> Any:
     """The module `meep`, silent; InputError where it is missing or is PyPI's other package."""
@@ -50,7 +52,6 @@ def import_meep() -> Any:
         raise InputError(HOW_TO_GET_MEEP)
     meep.verbosity(0)
     return meep
-_STEP = 5  # periods between two looks at the amplitudes
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,14 +44,6 @@ def refine(response: Response, start: Floats, tolerance: float, smallest: float,
         at = np.flatnonzero(split) + 1
         values = np.insert(values, at, exact[split], axis=0)
         nodes = np.insert(nodes, at, middle[split])
-
-
-def spread(u_max: float, spacing: float, kinks: Sequence[float] = ()) -> Floats:
-    """Even nodes over [−u_max, u_max] at most `spacing` apart, with the `kinks` among them."""
-    n = int(np.ceil(2 * u_max / spacing))
-    even = np.linspace(-u_max, u_max, n + 1)
-    near = [x for x in even if all(abs(x - k) > spacing / 4 for k in kinks) or abs(x) == u_max]
-    return np.unique([*near, *kinks])
 
 
 def chebyshev(low: float, high: float, count: int) -> Floats:

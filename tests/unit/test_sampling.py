@@ -5,7 +5,7 @@ import pytest
 
 from optics.files import InputError
 from optics.incidence import cutoffs, electric_vector, order_cosines, wave_vector
-from optics.sampling import choose_nodes, even_nodes, fill, refine, spread
+from optics.sampling import choose_nodes, even_nodes, fill, refine
 
 
 def _resonance(u, v=0.0):
@@ -54,12 +54,6 @@ def test_fill_is_exact_for_even_polynomials_in_v():
     values = (1 + u[:, None] ** 3) * (1 + v_nodes**2 - 2 * v_nodes**4)
     exact = (1 + u[:, None] ** 3) * (1 + v**2 - 2 * v**4)
     assert np.allclose(fill(u, v_nodes, values[..., None], u, v)[..., 0], exact, atol=1e-14)
-
-
-def test_spread_holds_the_kinks():
-    nodes = spread(0.42, 0.02, (-0.33, 0.33))
-    assert {-0.42, -0.33, 0.33, 0.42} <= set(nodes)
-    assert np.diff(nodes).max() < 0.04
 
 
 def test_cutoffs_are_where_an_order_grazes(te):
