@@ -17,7 +17,7 @@ from dynamics.floquet import distance
 from optics.files import InputError, check_out, run_stage, write_json
 from optics.table import PressureTable
 
-LARGEST, NEARLY_ALL, MULTIPLIERS = 0.03, 0.01, 1e-2
+LARGEST, NEARLY_ALL, MULTIPLIERS = 0.015, 0.0075, 1e-2
 
 
 @dataclass(frozen=True)
