@@ -248,7 +248,7 @@ class PressureTable:
         with atomic(path) as temporary:
             data.to_netcdf(temporary, engine="h5netcdf")
 
-    @cached_property
+    @property
     def digest(self) -> str:
         """SHA-256 of the numbers and of what they belong to, to notice an edited file."""
         belongs = [self.mirror_v, self.axisymmetric, self.name, self.attrs.get("wavelength_m")]
