@@ -100,12 +100,20 @@ def _arguments() -> argparse.Namespace:
     return checked(parser.parse_args())
 
 
+def _solvable(cell: Grating, directions: Floats) -> Floats:
+    """The directions (n, 2), if each of them can be solved: told before the first is."""
+    for u, v in directions:
+        check_cell(cell, u, v)
+        check_grazing(cell, u, v)
+    return directions
+
+
 def _table(cell: Grating, settings: FdtdSettings, arguments: argparse.Namespace, out: Path) -> None:
     """Solve everything and write the table; the rows are kept beside it until it is written."""
     rows = out.with_name(f"{out.name}.rows.h5")
     if arguments.nodes:
         nodes = read_nodes(arguments.nodes, cell)
-        solve_part(cell, block(*nodes, 1, 1), settings, rows)
+        solve_part(cell, _solvable(cell, block(*nodes, 1, 1)), settings, rows)
     else:
         nodes = solve_adaptively(cell, arguments.u_max, arguments.v_max, settings, rows)
     merge(cell, settings, *nodes, [rows]).write(out)
@@ -132,9 +140,7 @@ def main() -> None:
             return
         i, n = _part(arguments.part)
         directions = block(*read_nodes(arguments.nodes, cell), i, n)
-        for u, v in directions:
-            check_grazing(cell, u, v)
-        solve_part(cell, directions, settings, out, f"part {i}/{n} of FDTD")
+        solve_part(cell, _solvable(cell, directions), settings, out, f"part {i}/{n} of FDTD")
 
 
 if __name__ == "__main__":

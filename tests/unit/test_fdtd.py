@@ -260,6 +260,20 @@ def test_a_bad_part_is_refused(monkeypatch, tmp_path, part):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(("u", "message"), [([0.1, 0.33], "order grazes"), ([0.1, 1.2], "evanescent")])
+@pytest.mark.parametrize("part", [[], ["--part", "1/1"]])
+def test_directions_that_cannot_be_solved_are_refused_before_any_is(monkeypatch, tmp_path, te, u, message, part):
+    monkeypatch.setattr("optics.fdtd.import_meep", lambda: None)
+    monkeypatch.setattr("optics.fdtd.solve_direction", lambda *_: pytest.fail("solved"))
+    nodes = tmp_path / "nodes.json"
+    nodes.write_text(json.dumps({"name": te.name, "u": u, "v": [0.0, 0.1]}))
+    arguments = ["--cell", "workflow/designs/mark1e_te.yaml", "--nodes", str(nodes), "--out", str(tmp_path / "t.h5")]
+    monkeypatch.setattr(sys, "argv", ["fdtd", *arguments, *part])
+    with pytest.raises(InputError, match=message):
+        main()
+    assert list(tmp_path.iterdir()) == [nodes]
+
+
 def resonance(directions):
     """Values (n, 2) with a resonance of width 0.01 whose place moves with v."""
     u, v = directions.T
