@@ -250,8 +250,9 @@ class PressureTable:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the numbers and of what they belong to, to notice an edited file."""
-        belongs = [self.mirror_v, self.axisymmetric, self.name, self.attrs.get("wavelength_m")]
+        """SHA-256 of the numbers and of all attributes but the time it took, to notice an edited file."""
+        attrs = sorted((key, _encode(value)) for key, value in self.attrs.items() if key != "wall_seconds")
+        belongs = [self.mirror_v, self.axisymmetric, attrs]
         sums = hashlib.sha256(json.dumps(belongs).encode())
         for name, (_, array, _) in self._variables().items():
             sums.update(name.encode() + np.ascontiguousarray(array, "<f8").tobytes())

@@ -139,6 +139,19 @@ def test_every_polarisation_is_looked_up_as_it_was_solved(made):
     assert np.quantile(np.abs((s * out.reshape(-1, 4, 4)).sum(axis=1) - nominal[:, 0]), 0.99) <= TOLERANCE
 
 
+@pytest.mark.parametrize("name", ["normal_incidence", "cell", "settings"])
+def test_an_edited_attribute_is_refused(made, tmp_path, name):
+    """Stability takes its slopes from one of them."""
+    path = tmp_path / "t.h5"
+    made[0].write(path)
+    with h5py.File(path, "r+") as file:
+        text = file.attrs[name]
+        file.attrs[name] = text.replace("1", "2", 1)
+        assert file.attrs[name] != text
+    with pytest.raises(InputError, match="it was changed after it was made"):
+        PressureTable.read(path)
+
+
 @pytest.mark.parametrize("name", ["cutoff_q", "cutoff_shift", "q_stokes", "cutoff_absorptance_stokes"])
 def test_an_edited_or_missing_variable_is_refused(made, tmp_path, name):
     path = tmp_path / "t.h5"
