@@ -70,7 +70,7 @@ class PressureTable:
     All polarisations, where they are known: q_stokes (4, 3, n_u, n_v) and absorptance_stokes (4, n_u, n_v). For light
     of normalised Stokes vector (1, s1, s2, s3), q is the sum of them times its four entries. s1 = +1 is E along e1, the
     projection of r perpendicular to k, s1 = −1 is E along e2 = k × e1/|k|; s2 = ±1 is E along (e1 ± e2)/√2, s3 = ±1 is
-    circular, e1 ∓ i e2.
+    circular, e1 ∓ i e2. The nodes are chosen for the cell's own polarisation, and `error` is that of it alone.
     """
 
     u: Floats

@@ -22,6 +22,7 @@ from rows import (  # type: ignore[import-not-found]
 
 GOALS = (1e-2, 1e-3, 1e-4)
 MARKERS = "osD^vP*X"
+STYLES = (*COLOURS, "grey")
 
 
 def pareto(rows: Iterable[Row]) -> list[Row]:
@@ -43,7 +44,7 @@ def _panel(axes: Axes, rows: list[Row], solvers: list[str]) -> None:
         mine = [row for row in rows if row.solver == solver]
         if not mine:
             continue
-        style = {"color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k % len(MARKERS)], "markersize": 4}
+        style = {"color": STYLES[k % len(STYLES)], "marker": MARKERS[k % len(MARKERS)], "markersize": 4}
         axes.loglog([r.seconds for r in mine], [r.error for r in mine], linestyle="", alpha=0.6, **style)
         front = pareto(mine)
         axes.loglog([r.seconds for r in front], [r.error for r in front], label=solver, linewidth=1, **style)
@@ -64,10 +65,11 @@ def draw(rows: list[Row]) -> Figure:
         axes.set_xlabel("CPU time / s")
         axes.set_ylabel("error")
         low, high = axes.get_ylim()
-        axes.set_ylim(min(low, high / 10), high)  # a decade at least
-        axes.legend(loc="best")
+        axes.set_ylim(min(low, high / 30), 3.0 * high)  # more than a decade, with room for the labels
     for axes in grid.flat[len(places) :]:
         axes.set_axis_off()
+    entries = dict(entry for axes in grid.flat for entry in zip(*axes.get_legend_handles_labels()[::-1], strict=True))
+    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=4)
     return figure
 
 
