@@ -21,8 +21,8 @@ from rows import (  # type: ignore[import-not-found]
 )
 
 GOALS = (1e-2, 1e-3, 1e-4)
-MARKERS = "osD^vP*X"
-STYLES = (*COLOURS, "grey")
+MARKERS = "osD^vP*Xh"
+STYLES = (*COLOURS, "grey", "brown")
 
 
 def pareto(rows: Iterable[Row]) -> list[Row]:
