@@ -166,7 +166,7 @@ class _Found:
 def _split(nodes: Floats, errors: Floats, tolerance: float, smallest: float, most: int) -> Floats:
     """Midpoints of the intervals with too large an error."""
     bad = (errors.max(axis=1) > tolerance) & (np.diff(nodes) > smallest)
-    return ((nodes[1:] + nodes[:-1]) / 2)[bad][: max(0, most - nodes.size)]
+    return _between(nodes)[bad][: max(0, most - nodes.size)]
 
 
 def _beside(curves: Curves, c: int, side: float, reach: float) -> Floats:
@@ -243,9 +243,19 @@ def refine(samples: Samples, tolerance: float, name: str = "table") -> Refined:
         if not more.size:
             break
         samples = samples.with_lines(more)
-    along_u = _spread(rows.all(samples.u)[:, _closest(test_v, samples.v)])
-    along_v = _spread(lines.all(samples.v)[:, _closest(test_u, samples.u)]).T
-    return Refined(samples, along_u + along_v)
+    return Refined(samples, _error_around(samples, test_u, test_v))
+
+
+def _error_around(samples: Samples, test_u: Floats, test_v: Floats) -> Floats:
+    """Error (n_u, n_v) of the table as it is now around each node: errors found on the way are of coarser ones."""
+    arrays = samples.arrays
+    along_u = _spread(_error(samples, arrays, _between(samples.u), test_v)[:, _closest(test_v, samples.v)])
+    along_v = _spread(_error(samples, arrays, test_u, _between(samples.v)).T[:, _closest(test_u, samples.u)]).T
+    return along_u + along_v
+
+
+def _between(nodes: Floats) -> Floats:
+    return np.asarray((nodes[1:] + nodes[:-1]) / 2)
 
 
 def _closest(places: Floats, at: Floats) -> Floats:

@@ -1,6 +1,10 @@
 """Fixtures that several tests use."""
 
+import multiprocessing
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,3 +23,10 @@ def te() -> Metagrating:
 def tm() -> Metagrating:
     """The paper's TM cell."""
     return read_metagrating(DESIGNS / "mark1e_tm.yaml")
+
+
+@pytest.fixture(scope="module")
+def apart() -> Iterator[Callable[..., Any]]:
+    """Call a function in another process: importing Meep would switch denormal numbers off in this one."""
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("fork")) as pool:
+        yield lambda function, *arguments: pool.submit(function, *arguments).result()

@@ -1,8 +1,6 @@
 """Cases that break FDTD; each asserts a number. Meep runs in a process of its own."""
 
 import importlib.util
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import pytest
@@ -19,13 +17,6 @@ pytestmark = [
     pytest.mark.skipif(importlib.util.find_spec("meep") is None, reason="Meep is not installed"),
 ]
 TRIPLE = FdtdSettings(resolutions_per_um=[14.0, 20.0, 28.0])
-
-
-@pytest.fixture(scope="module")
-def apart():
-    """Call a function in another process: importing Meep would switch denormal numbers off in this one."""
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("fork")) as pool:
-        yield lambda function, *arguments: pool.submit(function, *arguments).result()
 
 
 def changed(cell, **updates):

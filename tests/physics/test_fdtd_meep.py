@@ -1,8 +1,6 @@
 """FDTD against closed forms, the modal solver, symmetry and conservation. Meep runs in a process of its own."""
 
 import importlib.util
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import pytest
@@ -21,13 +19,6 @@ pytestmark = [
 ]
 COARSE = FdtdSettings(resolutions_per_um=[10.0, 20.0])
 PAIR = FdtdSettings(resolutions_per_um=[20.0, 40.0])
-
-
-@pytest.fixture(scope="module")
-def apart():
-    """Call a function in another process: importing Meep would switch denormal numbers off in this one."""
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("fork")) as pool:
-        yield lambda function, *arguments: pool.submit(function, *arguments).result()
 
 
 def changed(cell, **updates):
