@@ -12,7 +12,7 @@ MOST_SLICES = 1000
 def table_arguments(
     module: str, description: str, tolerance: float, u_max: float, v_max: bool = True, slices: int | None = None
 ) -> argparse.Namespace:
-    """Checked --cell, --out, --u-max, --tolerance and, for gratings, --v-max of `python -m module`; --slices if given.
+    """Checked arguments of `python -m module`: those of `add_table_arguments` and, for gratings, --slices.
 
     The numbers are defaults.
     """
@@ -33,6 +33,9 @@ def add_table_arguments(parser: argparse.ArgumentParser, tolerance: float, u_max
     """Add the arguments that every table-making stage takes."""
     parser.add_argument("--cell", required=True, help="YAML file of the unit cell")
     parser.add_argument("--out", required=True, help="file to write")
+    parser.add_argument(
+        "--wavelength-nm", type=float, help="replaces the cell's own; an index given as a table follows it"
+    )
     parser.add_argument("--u-max", type=float, default=u_max, help="largest |u| of the table (default %(default)s)")
     if v_max:
         parser.add_argument("--v-max", type=float, default=u_max, help="largest |v| of the table (default %(default)s)")

@@ -58,6 +58,14 @@ def stokes(u: Floats | float, v: Floats | float, field: Complexes | Floats, inde
     return np.stack(parts, axis=-1) / power[..., None]
 
 
+def worst_polarisation(stokes_parts: Floats) -> Floats:
+    """Largest size (...) of a quantity over all polarisations, from what it is for the Stokes components (4, ...).
+
+    It is linear in the normalised Stokes vector (1, s₁, s₂, s₃), s₁² + s₂² + s₃² ≤ 1.
+    """
+    return np.asarray(np.abs(stokes_parts[0]) + np.sqrt((stokes_parts[1:] ** 2).sum(axis=0)))
+
+
 def order_cosines(
     u: Floats | float, v: Floats | float, pitch: float, orders: NDArray[np.int64], index: float = 1.0
 ) -> tuple[Floats, Complexes]:

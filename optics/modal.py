@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from optics.cells import LamellarStack, Metagrating
 from optics.command import check_range, table_arguments
 from optics.files import InputError, Stopwatch, run_stage, versions
-from optics.incidence import Floats
+from optics.incidence import Floats, worst_polarisation
 from optics.incidence import cutoffs as rayleigh_cutoffs
 from optics.lamellar import Response as Response
 from optics.lamellar import solve as solve
@@ -20,7 +20,7 @@ from optics.normal import ATTRIBUTE
 from optics.outline import SLICES, polygons, read_grating, upright
 from optics.refinement import Refined, first_lines, refine, start
 from optics.strips import Curves, breaks, rayleigh_curves
-from optics.table import PARITY, Cutoffs, PressureTable
+from optics.table import PARITY, STOKES_PARITY, Cutoffs, PressureTable
 
 _LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 100, 125, 150)
 _SEEN = 0.6
@@ -29,6 +29,7 @@ _NEGLIGIBLE = 1e-2
 # The first rows in u and lines in v² are no further apart: narrower resonances may be missed.
 _FIRST_STEP = 0.0112
 _FEWEST_ROWS, _FEWEST_LINES = 17, 6
+_OWN = 4  # quantities of the cell's own polarisation, which the directions are chosen for
 
 
 def _quantities(response: Response) -> Floats:
@@ -43,6 +44,17 @@ def _apart(quantities: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Q (3, ...), absorptance (...), q_stokes (4, 3, ...), absorptance_stokes (4, ...) of `_quantities` (20, ...)."""
     every = quantities.reshape(5, 4, *quantities.shape[1:])
     return every[0, :3], every[0, 3], every[1:, :3], every[1:, 3]
+
+
+def _own_error(differences: Floats) -> Floats:
+    """Largest error (...) in the cell's own polarisation of `_quantities` (20, ...)."""
+    return np.asarray(np.abs(differences[:_OWN]).max(axis=0))
+
+
+def _error_in_any(differences: Floats) -> Floats:
+    """Largest error (...) in any polarisation of `_quantities` (20, ...)."""
+    parts = differences[_OWN:].reshape(4, 4, *differences.shape[1:])
+    return np.asarray(worst_polarisation(parts).max(axis=0))
 
 
 def window_curves(cell: Metagrating | LamellarStack, u_max: float, v_max: float) -> Curves:
@@ -68,7 +80,9 @@ def choose_nodes(
     u = np.unique(np.concatenate([u, within[np.abs(within) < u_max]]))
     lines = max(_FEWEST_LINES, int(np.ceil(v_max**2 / _FIRST_STEP)))
     v = first_lines(breaks(curves, -u_max, u_max, v_max), lines)
-    return refine(start(response, curves, u, v, PARITY), tolerance, f"modal {cell.name}")
+    parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
+    samples = start(response, curves, u, v, parity, _OWN)
+    return refine(samples, tolerance, [_own_error, _error_in_any], f"modal {cell.name}")
 
 
 def propagating(cell: Metagrating | LamellarStack, u_max: float) -> int:
@@ -100,18 +114,21 @@ def choose_order(cell: Metagrating | LamellarStack, u: Floats, v: Floats, tolera
     raise InputError(f"tolerance = {tolerance:g}: not reached with ±{_LADDER[-3]} diffraction orders; allow more")
 
 
-def order_error(cell: Metagrating | LamellarStack, u: Floats, v: Floats, order: int, q: Floats) -> Floats:
-    """Estimated error (n_u, n_v) of q from truncation, from what fewer orders give.
+def order_error(cell: Metagrating | LamellarStack, u: Floats, v: Floats, order: int) -> tuple[Floats, Floats]:
+    """Estimated error (n_u, n_v) of q from truncation at `order`: in the cell's own polarisation, and in any.
 
     Half the changes from 0.7 and 0.6 of the orders and a quarter from half. Errors fall between N⁻² and N⁻³,
     with beats that depend on where the ridges lie: each change is one to seven times the error of `order`, but any one
     of them may vanish. `workflow/benchmarks/error_estimate.py` shows how often the sum covers the error.
     """
-    coarser = [(0.5, 0.7), (0.5, 0.6), (0.25, 0.5)]
-    changes = [
-        weight * np.abs(solve(cell, u, v, int(np.ceil(share * order))).q - q).max(axis=-1) for weight, share in coarser
-    ]
-    return np.asarray(sum(changes) + 1e-13)
+    finest = solve(cell, u, v, order)
+    own, every = np.full((2, u.size, v.size), 1e-13)
+    for share, weight in ((0.7, 0.5), (0.6, 0.5), (0.5, 0.25)):
+        coarser = solve(cell, u, v, int(np.ceil(share * order)))
+        own += weight * np.abs(coarser.q - finest.q).max(axis=-1)
+        stokes = np.moveaxis(coarser.q_stokes - finest.q_stokes, -2, 0)
+        every += weight * worst_polarisation(stokes).max(axis=-1)
+    return own, every
 
 
 def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float) -> PressureTable:
@@ -120,8 +137,8 @@ def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, to
     order = choose_order(cell, np.linspace(-u_max, u_max, 24), v_max * np.array([0.0, 0.5, 1.0]), tolerance)
     refined = choose_nodes(cell, u_max, v_max, tolerance, order)
     found = refined.samples
-    q, absorptance, *stokes = _apart(found.nodes)
-    error = order_error(cell, found.u, found.v, order, np.moveaxis(q, 0, -1)) + refined.error
+    q, absorptance, q_stokes, absorptance_stokes = _apart(found.nodes)
+    error, error_stokes = refined.errors + order_error(cell, found.u, found.v, order)
     cutoffs = Cutoffs(found.curves, *_apart(found.on_curves)) if len(found.curves) else None
     around = cell.surroundings
     lossless = around.back_k == 0 and all(epsilon.imag == 0 for _, epsilon in polygons(cell))
@@ -134,14 +151,16 @@ def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, to
         ATTRIBUTE: normal_response(cell, order).as_dict(),
         "wall_seconds": watch.seconds, "versions": versions("numpy", "scipy"),
     }
-    return PressureTable(found.u, found.v, q, absorptance, error, True, False, attrs, cutoffs, *stokes)
+    return PressureTable(
+        found.u, found.v, q, absorptance, error, True, False, attrs, cutoffs, q_stokes, absorptance_stokes, error_stokes
+    )
 
 
 def main() -> None:
     """Command line: see the module docstring."""
     what = "Pressure table of a grating by the Fourier modal method"
     arguments = table_arguments("optics.modal", what, 1e-4, 0.4227, slices=SLICES)
-    cell = upright(read_grating(arguments.cell), arguments.slices)
+    cell = upright(read_grating(arguments.cell, arguments.wavelength_nm), arguments.slices)
     check_range(cell.surroundings.front, arguments.u_max, arguments.v_max)
     with threadpool_limits(1):
         make_table(cell, arguments.u_max, arguments.v_max, arguments.tolerance).write(arguments.out)

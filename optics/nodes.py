@@ -31,7 +31,7 @@ def fdtd_nodes(cell: Grating, u_max: float, v_max: float, tolerance: float) -> d
 def main() -> None:
     """Command line: see the module docstring."""
     arguments = table_arguments("optics.nodes", "Directions for FDTD to solve", 1e-2, 0.18)
-    cell = read_grating(arguments.cell)
+    cell = read_grating(arguments.cell, arguments.wavelength_nm)
     check_range(cell.surroundings.front, arguments.u_max, arguments.v_max)
     with threadpool_limits(1):
         write_json(arguments.out, fdtd_nodes(cell, arguments.u_max, arguments.v_max, arguments.tolerance))

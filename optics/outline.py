@@ -24,9 +24,9 @@ _ARC = 16
 SLICES = 8
 
 
-def read_grating(path: str | Path) -> Grating:
-    """The cell of a YAML file; InputError where it is a film."""
-    cell = read_cell(path)
+def read_grating(path: str | Path, wavelength_nm: float | None = None) -> Grating:
+    """The cell of a YAML file, at another wavelength if one is given; InputError where it is a film."""
+    cell = read_cell(path, wavelength_nm)
     if isinstance(cell, ThinFilm):
         raise InputError(f"{path}: kind = {cell.kind!r}: must be a grating; use optics.thin_film for films")
     return cell

@@ -8,6 +8,7 @@ rows are on any line. Slopes along v at fixed τ follow from differences between
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 
@@ -174,6 +175,33 @@ def _strip_patches(layout: Layout, values: Values, strip: Strip, tau: Floats, f:
     return Patches(strip, tau, np.ascontiguousarray(every.transpose(3, 4, 1, 0, 2)))
 
 
+def _moved(layout: Layout, strip: Strip, j: int, x: Floats) -> Floats:
+    """∂u/∂v (n) at fixed places x (n) in a strip, on line j."""
+    lines, v = layout.lines, layout.v[j]
+    a, b = (-lines.sign[k] * v / np.sqrt(lines.index[k] ** 2 - v**2) for k in (strip.left, strip.right))
+    return np.asarray(a + (b - a) * x)
+
+
+def _join(layout: Layout, below: Patches, above: Patches) -> None:
+    """Give two strips of a lane the same ∂v at fixed u, the mean of both, on the line where they meet.
+
+    At fixed u it is ∂f/∂v − ∂f/∂τ (∂u/∂v)/(∂u/∂τ) of the strip. On a cut-off that ends there slopes stay as they are.
+    """
+    j, tau = above.strip.first, below.tau
+    lower, upper = below.values[:, -1], above.values[:, 0]
+    both = tau**2 + (1.0 - tau) ** 2
+    x, inner = tau**2 / both, slice(1, -1)
+    a, b = (layout.at[k, j] for k in (above.strip.left, above.strip.right))
+    per_tau = (b - a) * 2.0 * (tau * (1.0 - tau))[inner] / both[inner] ** 2
+    turned = (_moved(layout, above.strip, j, x) - _moved(layout, below.strip, j, x))[inner] / per_tau
+    gap = np.zeros_like(lower[:, :, 2])
+    gap[inner] = lower[inner, :, 1] * turned[:, None, None] - upper[inner, :, 2] + lower[inner, :, 2]
+    along = np.einsum("ij,j...->i...", slope_matrix(tau), gap)
+    for side, values in ((-0.5, lower), (0.5, upper)):
+        values[:, :, 2] += side * gap
+        values[:, :, 3] += side * along
+
+
 def make_patches(layout: Layout, values: Values) -> list[Patches]:
     """Coefficients of every strip, in the order of `layout.strips`."""
     if not layout.curved:
@@ -185,4 +213,7 @@ def make_patches(layout: Layout, values: Values) -> list[Patches]:
     for strip in layout.strips:
         first, tau, f = lanes[strip.lane]
         patches.append(_strip_patches(layout, values, strip, tau, f[..., strip.first - first : strip.last - first + 1]))
+    for below, above in permutations(patches, 2):
+        if below.strip.lane == above.strip.lane and below.strip.last == above.strip.first:
+            _join(layout, below, above)
     return patches

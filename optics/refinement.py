@@ -20,6 +20,8 @@ from optics.strips import NEAR, Curves, Floats, lay_out
 
 # k quantities (k, n_u, n_v) at directions u (n_u) × v (n_v).
 Solve = Callable[[Floats, Floats], Floats]
+# From errors of the k quantities (k, n, m) to one error (n, m).
+Measure = Callable[[Floats], Floats]
 
 # Narrower intervals are not halved: in u, in v, and in √|u − u_c| beside cut-offs.
 _SMALLEST_U, _SMALLEST_V, _SMALLEST_ROOT = 2.5e-4, 2e-3, 4e-3
@@ -33,24 +35,23 @@ _FIRST_BESIDE = 0.03
 class Samples:
     """What the solver found: `nodes` (k, n_u, n_v) on rows u × lines v, `on_curves` (k, n_curves, n_v).
 
-    `on_curves` is NaN where a curve is outside the window. The first n quantities, of `parity` (n), are to be
-    interpolated well; the others come along.
+    `on_curves` is NaN where a curve is outside the window. `parity` (k): of each quantity under v → −v. The first
+    `leading` of them are to be interpolated well; the others come along.
     """
 
     solve: Solve
     parity: Floats
+    leading: int
     u: Floats
     v: Floats
     curves: Curves
     nodes: Floats
     on_curves: Floats
 
-    @property
-    def arrays(self) -> TableArrays:
-        """The table that the samples make."""
+    def arrays(self, n: int) -> TableArrays:
+        """The table that the samples make of the first n quantities, a multiple of 4."""
         layout = lay_out(self.curves, self.u[0], self.u[-1], self.v)
-        n = self.parity.size
-        values = Values(self.u, self.v, self.nodes[:n], self.on_curves[:n], self.parity)
+        values = Values(self.u, self.v, self.nodes[:n], self.on_curves[:n], self.parity[:n])
         return pack(layout, values, make_patches(layout, values), False, False)
 
     def with_rows(self, u: Floats) -> Samples:
@@ -106,19 +107,23 @@ def first_lines(at: Floats, count: int) -> Floats:
     return np.unique(np.concatenate(lines))
 
 
-def _error(samples: Samples, arrays: TableArrays, u: Floats, v: Floats) -> Floats:
-    """Largest error of the table (n_u, n_v) at directions u × v."""
-    n = samples.parity.size
+def _differences(samples: Samples, arrays: TableArrays, n: int, u: Floats, v: Floats) -> Floats:
+    """Errors (n, n_u, n_v) of a table of the first n quantities at directions u × v."""
     if u.size * v.size == 0:
-        return np.empty((u.size, v.size))
+        return np.empty((n, u.size, v.size))
     out = np.empty((u.size * v.size, n))
     lookup_many(arrays, np.repeat(u, v.size), np.tile(v, u.size), out)
-    return np.abs(samples.solve(u, v)[:n].reshape(n, -1).T - out).max(axis=1).reshape(u.size, v.size)
+    return np.asarray(samples.solve(u, v)[:n] - out.T.reshape(n, u.size, v.size))
+
+
+def _error(samples: Samples, arrays: TableArrays, u: Floats, v: Floats) -> Floats:
+    """Largest error (n_u, n_v) of the leading quantities at directions u × v."""
+    return np.asarray(np.abs(_differences(samples, arrays, samples.leading, u, v)).max(axis=0))
 
 
 def _error_at(samples: Samples, arrays: TableArrays, u: Floats, v: Floats) -> float:
     """Largest error of the table at single directions u, v (n)."""
-    n = samples.parity.size
+    n = samples.leading
     guess = np.empty((u.size, n))
     lookup_many(arrays, u, v, guess)
     exact = solve_each(samples.solve, u, v, len(samples.nodes))[:n].T
@@ -196,30 +201,30 @@ def _test_beside(
 
 @dataclass(frozen=True)
 class Refined:
-    """Samples whose table is good, and the interpolation error (n_u, n_v) found around each of its nodes."""
+    """Samples whose table is good, and its largest error (m, n_u, n_v) around each node by each of the m measures."""
 
     samples: Samples
-    error: Floats
+    errors: Floats
 
 
-def start(solve: Solve, curves: Curves, u: Floats, v: Floats, parity: Floats) -> Samples:
+def start(solve: Solve, curves: Curves, u: Floats, v: Floats, parity: Floats, leading: int) -> Samples:
     """Samples on rows u, lines v and curves, with one more line of nodes on both sides of each curve."""
     both = [curves.beside(np.full(len(curves), side * _FIRST_BESIDE**2)) for side in (-1.0, 1.0)]
     nodes = solve(u, v)
-    samples = Samples(solve, parity, u, v, curves.take([]), nodes, np.empty((len(nodes), 0, v.size)))
+    samples = Samples(solve, parity, leading, u, v, curves.take([]), nodes, np.empty((len(nodes), 0, v.size)))
     for more in (curves, *both):
         samples = samples.with_curves(more)
     return samples
 
 
-def refine(samples: Samples, tolerance: float, name: str = "table") -> Refined:
+def refine(samples: Samples, tolerance: float, measures: list[Measure], name: str = "table") -> Refined:
     """Refine rows and the surroundings of cut-offs on the lines there are, then lines."""
     rows, lines = _Found(), _Found()
     beside: dict[tuple[int, float, float], float] = {}
     test_v, near_v = _some(samples.v, _TEST_LINES), _some(samples.v, _TEST_BESIDE)
     reach = float(np.sqrt(np.diff(samples.u).max()))
     for _ in progress(range(_ROUNDS), f"{name}: rows", unit="round"):
-        arrays = samples.arrays
+        arrays = samples.arrays(samples.leading)
         rows.note(samples.u, _error(samples, arrays, rows.unknown(samples.u), test_v))
         tested = _test_beside(samples, arrays, near_v, reach, beside)
         more = _split(samples.u, rows.all(samples.u), tolerance, _SMALLEST_U, _MOST_ROWS)
@@ -236,22 +241,23 @@ def refine(samples: Samples, tolerance: float, name: str = "table") -> Refined:
             break
     test_u = _some(samples.u, _TEST_ROWS)
     for _ in progress(range(_ROUNDS), f"{name}: lines", unit="round"):
-        arrays, unknown = samples.arrays, lines.unknown(samples.v)
+        arrays, unknown = samples.arrays(samples.leading), lines.unknown(samples.v)
         narrow = [_narrow_error(samples, arrays, v) for v in unknown]
         lines.note(samples.v, np.column_stack([_error(samples, arrays, test_u, unknown).T, narrow]))
         more = _split(samples.v, lines.all(samples.v), tolerance, _SMALLEST_V, _MOST_LINES)
         if not more.size:
             break
         samples = samples.with_lines(more)
-    return Refined(samples, _error_around(samples, test_u, test_v))
+    return Refined(samples, _errors_around(samples, test_u, test_v, measures))
 
 
-def _error_around(samples: Samples, test_u: Floats, test_v: Floats) -> Floats:
-    """Error (n_u, n_v) of the table as it is now around each node: errors found on the way are of coarser ones."""
-    arrays = samples.arrays
-    along_u = _spread(_error(samples, arrays, _between(samples.u), test_v)[:, _closest(test_v, samples.v)])
-    along_v = _spread(_error(samples, arrays, test_u, _between(samples.v)).T[:, _closest(test_u, samples.u)]).T
-    return along_u + along_v
+def _errors_around(samples: Samples, test_u: Floats, test_v: Floats, measures: list[Measure]) -> Floats:
+    """Errors (m, n_u, n_v) of the table as it is now around each node: errors found on the way are of coarser ones."""
+    n = samples.parity.size
+    arrays = samples.arrays(n)
+    along_u = _differences(samples, arrays, n, _between(samples.u), test_v)[..., _closest(test_v, samples.v)]
+    along_v = _differences(samples, arrays, n, test_u, _between(samples.v))[:, _closest(test_u, samples.u)]
+    return np.stack([_spread(measure(along_u)) + _spread(measure(along_v).T).T for measure in measures])
 
 
 def _between(nodes: Floats) -> Floats:

@@ -70,7 +70,8 @@ class PressureTable:
     All polarisations, where they are known: q_stokes (4, 3, n_u, n_v) and absorptance_stokes (4, n_u, n_v). For light
     of normalised Stokes vector (1, s1, s2, s3), q is the sum of them times its four entries. s1 = +1 is E along e1, the
     projection of r perpendicular to k, s1 = −1 is E along e2 = k × e1/|k|; s2 = ±1 is E along (e1 ± e2)/√2, s3 = ±1 is
-    circular, e1 ∓ i e2. The nodes are chosen for the cell's own polarisation, and `error` is that of it alone.
+    circular, e1 ∓ i e2. The nodes are chosen for the cell's own polarisation, and `error` is that of it alone;
+    `error_stokes` (n_u, n_v) is that of q in whichever polarisation it is largest.
     """
 
     u: Floats
@@ -84,6 +85,7 @@ class PressureTable:
     cutoffs: Cutoffs | None = None
     q_stokes: Floats | None = None
     absorptance_stokes: Floats | None = None
+    error_stokes: Floats | None = None
 
     def __post_init__(self) -> None:
         self._check_axes()
@@ -94,8 +96,9 @@ class PressureTable:
             held = self._on_curves if dims[-2:] == ("cutoff", "v") else True
             if not np.all(np.isfinite(array) == held):
                 raise InputError(f"{name} holds values that are not finite")
-        if not np.all(self.error > 0):
-            raise InputError("error must be greater than 0 everywhere")
+        for name in ("error", "error_stokes"):
+            if (error := getattr(self, name)) is not None and not np.all(error > 0):
+                raise InputError(f"{name} must be greater than 0 everywhere")
         partly = self.q_stokes is None, self.absorptance_stokes is None
         curves = self.cutoffs
         if len({*partly, *((curves.q_stokes is None, curves.absorptance_stokes is None) if curves else ())}) > 1:
@@ -145,6 +148,7 @@ class PressureTable:
             "error": (("u", "v"), self.error, "estimated absolute error of q"),
             "q_stokes": (("stokes", "component", "u", "v"), self.q_stokes, "q for each Stokes component"),
             "absorptance_stokes": (("stokes", "u", "v"), self.absorptance_stokes, "likewise"),
+            "error_stokes": (("u", "v"), self.error_stokes, "estimated absolute error of q in any polarisation"),
         }
         if c := self.cutoffs:
             found |= {
@@ -302,7 +306,8 @@ class PressureTable:
             curves = Curves(order.astype(np.int64), *rest)
             cutoffs = Cutoffs(curves, *numbers("cutoff_q", "cutoff_absorptance"), *on_them)
         u, v, q, absorptance, error = numbers(*_REQUIRED)
-        return cls(u, v, q, absorptance, error, mirror_v, axisymmetric, attrs, cutoffs, stokes[0], stokes[1])
+        worst = numbers("error_stokes")[0] if "error_stokes" in data else None
+        return cls(u, v, q, absorptance, error, mirror_v, axisymmetric, attrs, cutoffs, stokes[0], stokes[1], worst)
 
 
 def _stack(q: Floats | None, absorptance: Floats | None) -> Floats:

@@ -271,7 +271,7 @@ def make_table(cell: ThinFilm, s_max: float, tolerance: float) -> PressureTable:
 def main() -> None:
     """Command line: see the module docstring."""
     arguments = table_arguments("optics.thin_film", "Pressure table of a plane film", 1e-6, 0.999, v_max=False)
-    cell = read_cell(arguments.cell)
+    cell = read_cell(arguments.cell, arguments.wavelength_nm)
     if not isinstance(cell, ThinFilm):
         raise InputError(f"{arguments.cell}: kind = {cell.kind!r}: must be thin_film; use optics.modal for gratings")
     check_range(cell.surroundings.front, arguments.u_max)

@@ -6,7 +6,7 @@ import pytest
 
 from optics.cells import Metagrating
 from optics.files import InputError
-from optics.incidence import electric_vector, stokes
+from optics.incidence import electric_vector, stokes, worst_polarisation
 from optics.interpolation import lookup_many
 from optics.modal import make_table, solve
 from optics.strips import breaks
@@ -81,6 +81,17 @@ def test_the_gradient_is_that_of_the_values_and_continuous_off_the_cutoffs(made)
             assert np.abs(above - below)[~near].max() < 1e-6
 
 
+def test_slopes_go_on_where_the_range_of_v_is_split(made):
+    """There ∂v is shared at the nodes in u; between them it is as good as the interpolation of that product."""
+    table, _ = made
+    cuts = table.cutoffs.curves.take(table.cutoffs.curves.offset == 0.0)
+    u = np.random.default_rng(3).uniform(-table.u[-1], table.u[-1], 2000)
+    for split in breaks(cuts, table.u[0], table.u[-1], table.v[-1])[1:-1]:
+        far = np.abs(cuts.u(np.array([split])) - u).min(axis=0) > 0.03
+        above, below = table.gradient(u[far], split + 1e-12), table.gradient(u[far], split - 1e-12)
+        assert np.abs(above - below).max() < 2e-3 * np.abs(above).max()
+
+
 def test_a_lossless_cell_on_an_absorber_keeps_its_energy_balance(te):
     around = {"front": 1.0, "back": 1.5, "back_k": 0.5}
     cell = Metagrating.model_validate(te.model_dump() | {"index": {"n": 2.0}, "surroundings": around})
@@ -133,6 +144,9 @@ def test_every_polarisation_is_looked_up_as_it_was_solved(made):
         np.concatenate([r.q_stokes, r.absorptance_stokes[..., None]], axis=-1).reshape(-1, 16) for r in responses
     ])
     assert np.quantile(np.abs(out - exact).max(axis=1), 0.95) <= TOLERANCE
+    worst = worst_polarisation(np.moveaxis((out - exact).reshape(*v.shape, 4, 4), 2, 0)).max(axis=-1)
+    near = np.abs(table.u - u).argmin(axis=1), np.abs(table.v[:, None] - v[:, None]).argmin(axis=1)
+    assert np.mean(worst <= table.error_stokes[near[0][:, None], near[1]]) >= 0.95
     nominal = np.concatenate([table.q(u, v), table.absorptance(u, v)[..., None]], axis=-1).reshape(-1, 1, 4)
     field = electric_vector(np.broadcast_to(u, v.shape), v, cell.electric_axis)
     s = stokes(np.broadcast_to(u, v.shape), v, field).reshape(-1, 4, 1)

@@ -50,6 +50,13 @@ def test_a_wrong_cell(refused, tmp_path, module, old, new, field):
     assert refused(module, "--cell", str(cell)).startswith(f"{cell}: {field}")
 
 
+@pytest.mark.parametrize("module", OPTICS)
+def test_a_wavelength_of_nothing(refused, tmp_path, module):
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(CELL, encoding="utf-8")
+    assert refused(module, "--cell", str(cell), "--wavelength-nm", "0").startswith(f"{cell}: wavelength_nm = 0")
+
+
 @pytest.mark.parametrize("module", OPTICS + DYNAMICS)
 def test_a_missing_file(refused, tmp_path, module):
     path = tmp_path / "none.yaml"

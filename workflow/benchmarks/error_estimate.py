@@ -43,7 +43,7 @@ def compare(cell: Metagrating, rng: np.random.Generator, tolerance: float) -> tu
     u, v = rng.uniform(-RANGE, RANGE, 12), np.sort(rng.uniform(0.0, RANGE, 4))
     order = choose_order(cell, np.linspace(-RANGE, RANGE, 24), RANGE * np.array([0.0, 0.5, 1.0]), tolerance)
     q = solve(cell, u, v, order).q
-    estimate = order_error(cell, u, v, order, q)
+    estimate, _ = order_error(cell, u, v, order)
     return order, estimate.ravel(), np.abs(q - solve(cell, u, v, 120).q).max(axis=-1).ravel()
 
 
