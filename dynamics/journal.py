@@ -1,7 +1,8 @@
 """What a running flight has written so far, and the checkpoint from which it goes on to the same bits.
 
 A folder beside the output holds raw rows and frames, appended to, and one checkpoint, replaced as a whole. What lies
-behind the lengths that the checkpoint knows was written after it and is cut off.
+behind the lengths that the checkpoint knows was written after it and is cut off; what lies before must have its
+checksums.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import hashlib
 import shutil
 import sys
 import zipfile
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,8 @@ from optics.files import InputError, atomic
 
 Floats = NDArray[np.float64]
 
+#: Files that are appended to.
+STREAMS = ("rows", "frames")
 #: What reading a truncated, foreign or otherwise broken checkpoint raises.
 UNREADABLE = (ValueError, TypeError, OSError, zipfile.BadZipFile, KeyError, EOFError)
 
@@ -52,13 +56,19 @@ class Journal:
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder}: must be a folder, for the flight in progress, or absent; remove or rename it")
         folder.mkdir(parents=True, exist_ok=True)
+        self._sums = dict.fromkeys(STREAMS, 0)
 
     def _path(self, name: str) -> Path:
         return self._folder / name
 
     def _append(self, name: str, values: Floats) -> None:
-        with open(self._path(name), "ab") as stream:
-            stream.write(np.ascontiguousarray(values, "<f8").tobytes())
+        content = np.ascontiguousarray(values, "<f8").tobytes()
+        try:
+            with open(self._path(name), "ab") as stream:
+                stream.write(content)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._path(name))) from None
+        self._sums[name] = zlib.crc32(content, self._sums[name])
 
     def add_rows(self, rows: Floats) -> None:
         """Append rows (k, width)."""
@@ -85,11 +95,21 @@ class Journal:
         return self._read("frames", self._size)
 
     def save(self, fingerprint: str, counters: dict[str, float], *trees: Any) -> None:
-        """Replace the checkpoint: counters and all arrays of the trees."""
+        """Replace the checkpoint: counters and all arrays of the trees. OSError where the disk is full."""
         arrays = {f"{i}.{name}": value for i, tree in enumerate(trees) for name, value in leaves(tree)}
-        sizes = [self._path(name).stat().st_size if self._path(name).exists() else 0 for name in ("rows", "frames")]
-        with atomic(self._path("checkpoint.npz")) as temporary, open(temporary, "wb") as stream:
-            np.savez(stream, fingerprint=np.array(fingerprint), sizes=np.array(sizes), **arrays, **counters)
+        sizes, sums = [self._length(name) for name in STREAMS], [self._sums[name] for name in STREAMS]
+        path = self._path("checkpoint.npz")
+        try:
+            with atomic(path) as temporary, open(temporary, "wb") as stream:
+                np.savez(
+                    stream, fingerprint=np.array(fingerprint), sizes=np.array(sizes), sums=np.array(sums), **arrays,
+                    **counters,
+                )
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(path)) from None
+
+    def _length(self, name: str) -> int:
+        return self._path(name).stat().st_size if self._path(name).exists() else 0
 
     def restore(self, fingerprint: str, *trees: Any) -> dict[str, float] | None:
         """Fill the trees from the checkpoint and return its counters; None if there is none of this flight.
@@ -97,6 +117,8 @@ class Journal:
         A checkpoint that cannot be read counts as none, with a note on standard error.
         """
         path = self._path("checkpoint.npz")
+        for stale in self._folder.glob(".*.part"):
+            stale.unlink()
         if path.exists():
             try:
                 with np.load(path) as data:
@@ -111,22 +133,35 @@ class Journal:
     def _take(self, kept: dict[str, NDArray[Any]], trees: tuple[Any, ...]) -> dict[str, float]:
         """Counters of a checkpoint's arrays, whose numbers go to the trees only when all of them fit."""
         pairs = [(value, kept.pop(f"{i}.{name}")) for i, tree in enumerate(trees) for name, value in leaves(tree)]
-        lengths = dict(zip(("rows", "frames"), kept.pop("sizes").tolist(), strict=True))
+        lengths, sums = (dict(zip(STREAMS, kept.pop(name).tolist(), strict=True)) for name in ("sizes", "sums"))
         if any(value.shape != new.shape for value, new in pairs):
             raise ValueError("arrays of another shape")
         for name, length in lengths.items():
-            if length > (self._path(name).stat().st_size if self._path(name).exists() else 0):
+            if length > self._length(name):
                 raise ValueError(f"'{name}' is shorter than it says")
+            if self._checksum(name, length) != sums[name]:
+                raise ValueError(f"'{name}' has changed since")
         counters = {name: value.item() for name, value in kept.items()}
         for name, length in lengths.items():
             with open(self._path(name), "ab") as stream:
                 stream.truncate(length)
         for value, new in pairs:
             value[...] = new
+        self._sums = sums
         return counters
 
+    def _checksum(self, name: str, length: int) -> int:
+        """CRC-32 of the first `length` bytes of a stream, read in pieces."""
+        value = 0
+        if length > 0:
+            with open(self._path(name), "rb") as stream:
+                while length > 0 and (content := stream.read(min(length, 1 << 20))):
+                    value, length = zlib.crc32(content, value), length - len(content)
+        return value
+
     def _clear(self) -> None:
-        for name in ("rows", "frames"):
+        self._sums = dict.fromkeys(STREAMS, 0)
+        for name in STREAMS:
             self._path(name).unlink(missing_ok=True)
 
     def remove(self) -> None:

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import itertools
+from typing import Annotated, Literal
 
-from pydantic import Field
+import numpy as np
+from pydantic import Field, model_validator
 
-from optics.files import NonNegative, Positive, Strict
+from optics.files import NonNegative, Pair, Positive, Strict
+
+Changing = Literal[
+    "conductivity_W_mK", "heat_capacity_J_kgK", "expansion_1_K", "emissivity_front", "emissivity_back", "absorptance"
+]
+Table = Annotated[list[Pair], Field(min_length=1)]
 
 
 class Material(Strict):
-    """A membrane material at its equivalent plain thickness. SI; emissivities and absorptance are dimensionless."""
+    """A membrane material at its equivalent plain thickness. SI; emissivities and absorptance are dimensionless.
+
+    with_temperature: tables [[K, value], …] of properties that change, linear in between and constant beyond, which at
+    300 K give the plain value; of the expansion the differential coefficient. Flexible flight follows them, rigid
+    flight takes the plain values. damping_s: retardation time τ, stress = stiffness · (strain + τ · rate of strain).
+    """
 
     thickness_m: Positive
     density_kg_m3: Positive
@@ -24,6 +36,32 @@ class Material(Strict):
     emissivity_back: Annotated[float, Field(ge=0, le=1)]
     absorptance: Annotated[float, Field(ge=0, le=1)]
     failure_temperature_K: Positive
+    damping_s: NonNegative = 0.0
+    with_temperature: dict[Changing, Table] = {}
+
+    @model_validator(mode="after")
+    def _tables_fit(self) -> Material:
+        for name, table in self.with_temperature.items():
+            kelvin, values = (np.array([row[i] for row in table]) for i in range(2))
+            if kelvin[0] <= 0 or any(b <= a for a, b in itertools.pairwise(kelvin)):
+                raise ValueError(f"with_temperature.{name}: temperatures must be positive and ascend, not {kelvin}")
+            highest = 1.0 if name in ("emissivity_front", "emissivity_back", "absorptance") else np.inf
+            if name != "expansion_1_K" and not (values.min() >= 0 and values.max() <= highest):
+                raise ValueError(f"with_temperature.{name}: values must be from 0 to {highest:g}")
+            if name == "heat_capacity_J_kgK" and values.min() == 0:
+                raise ValueError(f"with_temperature.{name}: values must be above 0")
+            plain, here = getattr(self, name), float(np.interp(300.0, kelvin, values))
+            if not np.isclose(here, plain, rtol=1e-6, atol=0.0):
+                raise ValueError(f"with_temperature.{name}: gives {here:g} at 300 K: must be {name} = {plain:g}")
+        return self
+
+    def highest(self, name: Changing) -> float:
+        """The largest size of a property at any temperature."""
+        return max(abs(getattr(self, name)), *(abs(row[1]) for row in self.with_temperature.get(name, [[0.0, 0.0]])))
+
+    def lowest(self, name: Changing) -> float:
+        """The smallest size of a property at any temperature."""
+        return min(abs(getattr(self, name)), *(abs(row[1]) for row in self.with_temperature.get(name, [[0.0, np.inf]])))
 
     @property
     def areal_mass(self) -> float:

@@ -24,7 +24,7 @@ from dynamics.attitude import rotation_from_angles
 from dynamics.command import stage_arguments
 from dynamics.flight import Frame, series, write_flight
 from dynamics.journal import Journal, leaves, numbers_digest
-from dynamics.kernels import failure, record, sheet, tearing
+from dynamics.kernels import failure, properties, record, sheet, tearing
 from dynamics.kernels.elastic import REFERENCE_TEMPERATURE
 from dynamics.kernels.step import State, Work, run
 from dynamics.lattice import Floats
@@ -40,7 +40,7 @@ from optics.table import PressureTable
 #: Steps a kernel call: long against a call's cost, short against a checkpoint's interval.
 CHUNK = 512
 #: Part of the fingerprint of a checkpoint, as are the compiled sources: raise it when this module gives other numbers.
-SCHEMA = 1
+SCHEMA = 2
 REASONS = {
     failure.INTACT: "finished", failure.TENSILE: "tensile_failure", failure.THERMAL: "thermal_failure",
     failure.LEFT_TABLE: "left_table", failure.FLY_AWAY: "fly_away", failure.NON_FINITE: "non_finite",
@@ -214,6 +214,7 @@ def strains(membrane: Membrane, points: Floats, temperature: Floats) -> Floats:
         space = work_space(model).sheet
         space.squares[:] = np.sum((points[b] - points[a]) ** 2, axis=1)
         sheet.grow(model.sheet, model.triangles.corners, temperature, space.free)
+        properties.grow(model.curves.expansion, model.sheet, model.triangles.corners, temperature, space.free)
         sheet.strain(model.sheet, space)
         return np.array([sheet.principal(model.sheet, space, i)[0] for i in range(len(mesh.triangles))])
     free = mesh.lengths
@@ -295,7 +296,10 @@ def main() -> None:
     if flight.resume():
         print(f"{scene.name}: going on from step {flight.step}", file=sys.stderr)
     end = flight.fly()
-    write_flight(out, flight.membrane.mesh, flight.frames(), flight.columns(), attributes(flight, end, tables))
+    # Within the folder first: a process killed now leaves nothing beside the output
+    made = out.with_name(out.name + ".partial") / out.name
+    write_flight(made, flight.membrane.mesh, flight.frames(), flight.columns(), attributes(flight, end, tables))
+    made.replace(out)
     flight.journal.remove()
     where = "" if end.reason == "finished" else f" ({end.detail}, near {np.array2string(end.position, precision=4)} m)"
     print(f"{scene.name}: {end.reason} at {end.time:.6g} s{where}, {end.step} steps")

@@ -9,7 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.kernels import elastic, optical, reflections, sheet, spin, step, tearing, thermal, tree, triangles
+from dynamics.curves import build_curves
+from dynamics.kernels import (
+    damping,
+    elastic,
+    optical,
+    reflections,
+    sheet,
+    spin,
+    step,
+    tearing,
+    thermal,
+    tree,
+    triangles,
+)
 from dynamics.lattice import (
     STABILITY,
     Floats,
@@ -26,6 +39,7 @@ from dynamics.mesh import Integers, Mesh, sail_mesh
 from dynamics.mesh_checks import check_mesh
 from dynamics.regions import directions
 from dynamics.scene import Effect, Scene, plan
+from dynamics.time_step import check_heat, damped_share
 from optics.files import InputError
 from optics.table import PressureTable, TableArrays
 
@@ -201,14 +215,16 @@ def _spin_up(scene: Scene, effects: Plan, dt: float) -> spin.SpinUp:
 
 def time_step(scene: Scene, mesh: Mesh, lat: Lattice) -> float:
     """The scene's time step in s, or MARGIN · 2/ω_max and at most 1° of turn; InputError above the stability bound."""
-    flight = scene.flight
+    flight, share = scene.flight, 1.0
     springs = lat.stiffness.size > 0
     matrix = stiffness_matrix(mesh, lat.stiffness) if springs else sheet_matrix(scene.sail, mesh)
     omega = highest_frequency(matrix, lat.masses)
-    bound = STABILITY[flight.integrator] / omega
+    if plan(scene)["damping"].on:
+        share = damped_share(scene, omega)
+    bound = share * STABILITY[flight.integrator] / omega
     if flight.time_step_s is None:
         turn = 1.0 / (360.0 * abs(scene.release.spin_Hz)) if scene.release.spin_Hz else math.inf
-        return float(f"{min(MARGIN * 2.0 / omega, turn):.4e}")
+        return float(f"{min(share * MARGIN * 2.0 / omega, turn):.4e}")
     if flight.time_step_s >= bound:
         raise InputError(
             f"{scene.name}.yaml: flight.time_step_s = {flight.time_step_s:g}: must be below {bound:.5g} s, the "
@@ -220,10 +236,11 @@ def time_step(scene: Scene, mesh: Mesh, lat: Lattice) -> float:
 def _check_energy(scene: Scene) -> None:
     """InputError where a region of constant response would give back more light than it gets."""
     for i, region in enumerate(scene.sail.regions):
-        if region.reflectance is not None and region.reflectance + region.properties.absorptance > 1.0:
+        absorptance = region.properties.highest("absorptance")
+        if region.reflectance is not None and region.reflectance + absorptance > 1.0:
             raise InputError(
                 f"{scene.name}.yaml: sail: region {i}: reflectance = {region.reflectance:g}: with the material's "
-                f"absorptance {region.properties.absorptance:g} it must not exceed 1"
+                f"absorptance {absorptance:g} it must not exceed 1"
             )
 
 
@@ -235,14 +252,17 @@ def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
     _check_energy(scene)
     lat = lattice(scene.sail, mesh, scene.flight)
     dt = time_step(scene, mesh, lat)
+    heat = _heat(scene, mesh, lat, effects)
+    check_heat(scene, mesh, heat, effects, dt)
     spin_up = _spin_up(scene, effects, dt)
     release = max(spin_up.steps, 1)
     model = step.Model(
         springs=_springs(mesh, lat, effects), sheet=_sheet(scene, mesh, effects), triangles=_triangles(scene, mesh),
+        retardation=_if(effects["damping"].on, per_triangle(scene.sail, mesh, "damping_s")),
         masses=lat.masses, per_mass=1.0 / lat.masses, rest=np.ascontiguousarray(centred(mesh, lat.masses).T),
         lit=effects["light"].on, light=_light(scene, mesh, tables, effects),
         mirror=_mirror(scene, mesh, tables, effects), warm=is_warm(effects),
-        heat=_heat(scene, mesh, lat, effects),
+        heat=heat, curves=build_curves(scene, mesh, effects, is_warm(effects)),
         spin_up=spin_up, integrator=INTEGRATORS[scene.flight.integrator], dt=dt, release=release,
         end=release + math.ceil(scene.flight.duration_s / dt - 1e-9), optics_every=scene.flight.optics_every,
         series_every=scene.flight.series_every, fly_away=scene.flight.fly_away_m,
@@ -263,12 +283,13 @@ def initial_state(membrane: Membrane) -> step.State:
     return step.State(x, np.zeros_like(x), _if(membrane.model.warm, start), np.zeros(3))
 
 
-def _light_work(t: int) -> optical.LightWork:
-    """Work space for t triangles; t is 0 where there is no light."""
+def _light_work(absorptance: Floats) -> optical.LightWork:
+    """Work space for triangles of an absorptance (t,), which is empty where there is no light."""
+    t = absorptance.size
     return optical.LightWork(
         frame=np.zeros((10, t)), q=np.zeros((t, 4)), held=np.zeros((3, t)), force=np.zeros((3, t + 1)),
         incident=np.zeros(t + 1), absorbed=np.zeros(t + 1), outside=np.zeros(3, np.int64), direction=np.zeros(2),
-        total=np.zeros(3),
+        total=np.zeros(3), absorptance=absorptance.copy(),
     )
 
 
@@ -296,7 +317,7 @@ def work_space(model: step.Model, on_failure: str = "stop") -> step.Work:
     heat = thermal.HeatWork(
         rate=np.zeros(n if model.warm else 0), emitting=np.zeros(t + 1 if model.heat.emission.size else 0),
         flow=np.zeros(2 * m + 1 if model.heat.conductance.size else 0), emission=model.heat.emission.copy(),
-        conductance=model.heat.conductance.copy(),
+        conductance=model.heat.conductance.copy(), per_capacity=model.heat.per_capacity.copy(),
     )
     elements = model.sheet.modulus.size
     elastic_sheet = sheet.SheetWork(
@@ -304,9 +325,14 @@ def work_space(model: step.Model, on_failure: str = "stop") -> step.Work:
         tension=np.zeros(3 * elements + 1 if elements else 0), sum=np.zeros(elements),
         modulus=model.sheet.modulus.copy(), shear=model.sheet.shear.copy(), limit=model.sheet.limit.copy(),
     )
+    damped = model.retardation.size > 0
+    viscous = damping.DampingWork(
+        pull=np.zeros((3, 2 * m + 1 if damped else 0)), rate=np.zeros(m if damped else 0),
+        tension=np.zeros(3 * t + 1 if damped else 0), force=np.zeros((3, n if damped else 0)),
+    )
     return step.Work(
-        free=model.springs.rest.copy(), sheet=elastic_sheet, pull=np.zeros((3, 2 * m + 1)),
-        acceleration=np.zeros((3, n)), sides=np.zeros((6, t)), light=_light_work(t if model.lit else 0),
+        free=model.springs.rest.copy(), sheet=elastic_sheet, damping=viscous, pull=np.zeros((3, 2 * m + 1)),
+        acceleration=np.zeros((3, n)), sides=np.zeros((6, t)), light=_light_work(model.light.absorptance),
         mirror=_mirror_work(model.mirror), broken=_broken(on_failure, t), heat=heat,
         flags=np.zeros(2, np.int64), gain=np.zeros(1),
         stage=step.Stage(*np.zeros((4, 3, stages)), *np.zeros((2, stages if model.warm else 0))),

@@ -263,8 +263,8 @@ class Reflections(Strict):
 
 
 EFFECTS = (
-    "light", "reflections", "spin_up", "absorption", "emission", "conduction", "expansion", "tensile_failure",
-    "thermal_failure",
+    "light", "reflections", "spin_up", "absorption", "emission", "conduction", "expansion", "damping",
+    "tensile_failure", "thermal_failure",
 )
 
 
@@ -278,6 +278,7 @@ class Effects(Strict):
     emission: bool | None = None
     conduction: bool | None = None
     expansion: bool | None = None
+    damping: bool | None = None
     tensile_failure: bool | None = None
     thermal_failure: bool | None = None
 
@@ -341,12 +342,13 @@ def _reflections(scene: Scene, lit: bool) -> Effect:
 def _derived(scene: Scene) -> dict[str, Effect]:
     materials = [region.properties for region in scene.sail.regions]
     lit = scene.beam.intensity_W_m2 > 0
-    heated = lit and (scene.absorptance == "table" or any(m.absorptance > 0 for m in materials))
-    emits = any(m.emissivity_front + m.emissivity_back > 0 for m in materials)
+    heated = lit and (scene.absorptance == "table" or any(m.highest("absorptance") > 0 for m in materials))
+    emits = any(m.highest("emissivity_front") + m.highest("emissivity_back") > 0 for m in materials)
     spins = scene.release.spin_Hz != 0
-    conducts = any(m.conductivity_W_mK > 0 for m in materials)
+    conducts = any(m.highest("conductivity_W_mK") > 0 for m in materials)
     expansion = scene.flight.expansion_1_K
-    expands = expansion != 0 if expansion is not None else any(m.expansion_1_K != 0 for m in materials)
+    expands = expansion != 0 if expansion is not None else any(m.highest("expansion_1_K") > 0 for m in materials)
+    damps = any(m.damping_s > 0 for m in materials)
     return {
         "light": Effect(on=lit, reason=f"intensity {scene.beam.intensity_W_m2:g} W/m²"),
         "reflections": _reflections(scene, lit),
@@ -355,6 +357,7 @@ def _derived(scene: Scene) -> dict[str, Effect]:
         "emission": Effect(on=emits, reason="emissivity above zero" if emits else "emissivity zero everywhere"),
         "conduction": Effect(on=conducts, reason="conductivity above zero" if conducts else "no conductivity"),
         "expansion": Effect(on=expands, reason="expansion coefficient given" if expands else "expansion zero"),
+        "damping": Effect(on=damps, reason="a material with damping" if damps else "no material has damping"),
         "tensile_failure": Effect(on=True, reason="every material has a strength"),
         "thermal_failure": Effect(on=True, reason="every material has a failure temperature"),
     }

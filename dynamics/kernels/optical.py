@@ -72,7 +72,7 @@ class LightWork(NamedTuple):
 
     incident, absorbed (t + 1,): power in W on and into each triangle at full ramp, last 0. outside: [how many
     directions lay outside their table, first such triangle, 1 if it is lit from behind, which ends a run even where
-    directions are clamped], direction: its u, v. total (3,): force in N.
+    directions are clamped], direction: its u, v. total (3,): force in N. absorptance (t,): as it is now.
     """
 
     frame: Floats
@@ -84,6 +84,7 @@ class LightWork(NamedTuple):
     outside: Integers
     direction: Floats
     total: Floats
+    absorptance: Floats
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -136,11 +137,11 @@ def _yaw_blind(light: Light, frame: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _constant(light: Light, frame: Floats, q: Floats, begin: int, end: int) -> None:
+def _constant(light: Light, frame: Floats, absorptance: Floats, q: Floats, begin: int, end: int) -> None:
     """Response q (t, 4) of triangles begin … end with constant reflectance: F = (P/c)(2R (k·n) n + a k)."""
     for i in range(begin, end):
         first_z, aside_z, w = frame[6, i], frame[7, i], frame[2, i]
-        cos, sin, a = light.cos_across[i], light.sin_across[i], light.absorptance[i]
+        cos, sin, a = light.cos_across[i], light.sin_across[i], absorptance[i]
         q[i, 0] = a * (first_z * cos + aside_z * sin)
         q[i, 1] = a * (aside_z * cos - first_z * sin)
         q[i, 2] = (2.0 * light.reflectance[i] + a) * w
@@ -194,7 +195,7 @@ def _respond(light: Light, work: LightWork) -> None:
     for s in range(light.ranges.shape[0]):
         k, begin, end = light.ranges[s]
         if k < 0:
-            _constant(light, work.frame, work.q, begin, end)
+            _constant(light, work.frame, work.absorptance, work.q, begin, end)
         else:
             count, first = lookup_many(table(light.tables, k), u[begin:end], v[begin:end], work.q[begin:end])
             _note_outside(work, count, begin + first, False)
@@ -222,7 +223,7 @@ def _hold(light: Light, work: LightWork) -> None:
     """Coefficients of F = (P/c)(q_g g + q_r r + q_n n) along e₁, e₂ and e₁ × e₂, and the absorbed power."""
     h0, h1, h2 = work.held[0], work.held[1], work.held[2]
     double, inverse, lean = work.frame[3], work.frame[4], work.frame[5]
-    q, material = work.q, light.absorptance
+    q, material = work.q, work.absorptance
     for i in range(double.size):
         cos, sin = light.cos_across[i], light.sin_across[i]
         power = work.incident[i]

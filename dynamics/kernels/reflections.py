@@ -57,19 +57,20 @@ class MirrorWork(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def response(mirror: Mirror, light: Light, i: int, cosine: float) -> tuple[float, float]:
+def response(mirror: Mirror, light: Light, absorptance: Floats, i: int, cosine: float) -> tuple[float, float]:
     """Reflectance and absorptance of triangle i for light at that cosine of incidence; see `optical` for films.
 
-    A film's table holds q_n = (2R + a) cos and, along the light, a sin.
+    absorptance (t,): as it is now, −1 for the table's. A film's table holds q_n = (2R + a) cos and, along the light,
+    a sin.
     """
     kind = mirror.kind[i]
     if kind < 0:
-        return light.reflectance[i], light.absorptance[i]
+        return light.reflectance[i], absorptance[i]
     sine = math.sqrt(max(1.0 - cosine * cosine, 0.0))
     last = mirror.last[kind]
     along, _, normal, absorbed, _ = lookup(table(light.tables, kind), sine, 0.0)
     loss = along / min(sine, last) if sine > 1e-6 else absorbed
-    heat = light.absorptance[i] if light.absorptance[i] >= 0.0 else absorbed
+    heat = absorptance[i] if absorptance[i] >= 0.0 else absorbed
     # Beyond the table's last sine the ratio would no longer be that of one direction
     at = max(cosine, math.sqrt(max(1.0 - last * last, 1e-12)))
     return min(max(0.5 * (normal / at - loss), 0.0), 1.0 - heat), heat
@@ -77,12 +78,12 @@ def response(mirror: Mirror, light: Light, i: int, cosine: float) -> tuple[float
 
 @numba.njit(cache=True, error_model="numpy")
 def _strike(
-    mirror: Mirror, work: MirrorWork, light: Light, frame: Floats, j: int, direction: Floats, power: float
+    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, j: int, direction: Floats, power: float
 ) -> float:
     """Force and heat of a ray on triangle j; turns the direction and returns the power that goes on."""
-    n0, n1, n2 = frame[0, j], frame[1, j], frame[2, j]
+    n0, n1, n2 = held.frame[0, j], held.frame[1, j], held.frame[2, j]
     across = direction[0] * n0 + direction[1] * n1 + direction[2] * n2
-    share, loss = response(mirror, light, j, min(abs(across), 1.0))
+    share, loss = response(mirror, light, held.absorptance, j, min(abs(across), 1.0))
     scale, push = power / LIGHT_SPEED, 2.0 * share * across
     work.force[0, j] += scale * (push * n0 + loss * direction[0])
     work.force[1, j] += scale * (push * n1 + loss * direction[1])
@@ -99,7 +100,7 @@ def _strike(
 
 @numba.njit(cache=True, error_model="numpy")
 def _follow(
-    mirror: Mirror, work: MirrorWork, light: Light, frame: Floats, x: Floats, i: int, power: float, gone: Integers
+    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, x: Floats, i: int, power: float, gone: Integers
 ) -> None:
     """One ray from triangle i until it leaves, has hit often enough, or is too weak."""
     weakest, own = mirror.cutoff * power, i
@@ -116,7 +117,7 @@ def _follow(
             return
         for c in range(3):
             origin[c] += distance * direction[c]
-        power = _strike(mirror, work, light, frame, j, direction, power)
+        power = _strike(mirror, work, light, held, j, direction, power)
         own = j
         if power <= weakest:
             break
@@ -125,10 +126,10 @@ def _follow(
 
 @numba.njit(cache=True, error_model="numpy")
 def _send(
-    mirror: Mirror, work: MirrorWork, light: Light, frame: Floats, x: Floats, i: int, power: float, gone: Integers
+    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, x: Floats, i: int, power: float, gone: Integers
 ) -> None:
     """Rays of equal power from the centres of the rays² equal parts of triangle i, for light along +z."""
-    m, n2 = mirror.rays, frame[2, i]
+    m, n2 = mirror.rays, held.frame[2, i]
     origin, direction = work.ray[0], work.ray[1]
     p, q, s = light.corners[0, i], light.corners[1, i], light.corners[2, i]
     for a in range(m):
@@ -138,9 +139,9 @@ def _send(
             u, v = (a + (1.0 if up else 2.0) / 3.0) / m, (b // 2 + (1.0 if up else 2.0) / 3.0) / m
             for c in range(3):
                 origin[c] = x[c, p] + u * (x[c, q] - x[c, p]) + v * (x[c, s] - x[c, p])
-                direction[c] = -2.0 * n2 * frame[c, i]
+                direction[c] = -2.0 * n2 * held.frame[c, i]
             direction[2] += 1.0
-            _follow(mirror, work, light, frame, x, i, power / (m * m), gone)
+            _follow(mirror, work, light, held, x, i, power / (m * m), gone)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -177,8 +178,8 @@ def bounce(
     for k in range(work.account.size):
         work.account[k] = 0.0
     for i in range(work.heat.size):
-        share, _ = response(mirror, light, i, abs(held.frame[2, i]))
+        share, _ = response(mirror, light, held.absorptance, i, abs(held.frame[2, i]))
         power = share * held.incident[i]
         if power > 0.0:
-            _send(mirror, work, light, held.frame, x, i, power, gone)
+            _send(mirror, work, light, held, x, i, power, gone)
     _hold(work, held, e)

@@ -14,10 +14,24 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.kernels import elastic, failure, optical, record, reflections, sheet, tearing, thermal, triangles
+from dynamics.kernels import (
+    damping,
+    elastic,
+    failure,
+    optical,
+    properties,
+    record,
+    reflections,
+    sheet,
+    tearing,
+    thermal,
+    triangles,
+)
 from dynamics.kernels.beam import ramp
+from dynamics.kernels.damping import DampingWork
 from dynamics.kernels.elastic import Floats, Springs
 from dynamics.kernels.optical import Light, LightWork
+from dynamics.kernels.properties import Curves
 from dynamics.kernels.reflections import Mirror, MirrorWork
 from dynamics.kernels.sheet import Sheet, SheetWork
 from dynamics.kernels.spin import SpinUp, kick
@@ -34,10 +48,12 @@ class Model(NamedTuple):
     rest (3, n): shape in m the attitude is fitted to. lit, warm: are light and heat computed. dt in s; release: the
     step that starts at t = 0; end: the last one. optics_every: steps between updates of the held light; series_every:
     between rows. fly_away: distance in m from the axis at which a run ends; most_broken: failed triangles it outlives.
+    retardation (t,): of the damping, in s, empty where that is off. curves: properties that change with temperature.
     """
 
     springs: Springs
     sheet: Sheet
+    retardation: Floats
     triangles: Triangles
     masses: Floats
     per_mass: Floats
@@ -47,6 +63,7 @@ class Model(NamedTuple):
     mirror: Mirror
     warm: bool
     heat: Heat
+    curves: Curves
     spin_up: SpinUp
     integrator: int
     dt: float
@@ -76,6 +93,7 @@ class Work(NamedTuple):
 
     free: Floats
     sheet: SheetWork
+    damping: DampingWork
     pull: Floats
     acceleration: Floats
     sides: Floats
@@ -124,9 +142,10 @@ def accumulate(out: Floats, factor: float, slope: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _light_up(model: Model, work: Work, x: Floats) -> int:
+def _light_up(model: Model, work: Work, x: Floats, temperature: Floats) -> int:
     """Add the light's forces to the acceleration, with new coefficients if flags[0] is 0; INTACT or LEFT_TABLE."""
     if work.flags[0] == 0:
+        properties.absorb(model.curves.absorption, model.light.corners, temperature, work.light.absorptance)
         optical.refresh(model.light, work.light, x, work.sides)
         if work.light.outside[2] > 0 or (work.light.outside[0] > 0 and not model.light.clamp):
             work.flags[1] = work.light.outside[1]
@@ -147,6 +166,9 @@ def _light_up(model: Model, work: Work, x: Floats) -> int:
 def _warm_up(model: Model, work: Work, x: Floats, temperature: Floats, t: float) -> int:
     """Free lengths at new temperatures; INTACT, THERMAL or NON_FINITE."""
     sheet.grow(model.sheet, model.triangles.corners, temperature, work.sheet.free)
+    properties.grow(
+        model.curves.expansion, model.sheet, model.triangles.corners, temperature, work.sheet.free
+    )
     elastic.free_lengths(model.springs, temperature, work.free)
     code, found = failure.first_burnt(model.springs, model.heat.limit, model.heat.lowest, temperature)
     if code == failure.THERMAL and work.broken.failed.size > 0:
@@ -181,9 +203,10 @@ def _pull(model: Model, work: Work, x: Floats, t: float) -> int:
 
 @numba.njit(cache=True, error_model="numpy")
 def evaluate(
-    model: Model, work: Work, x: Floats, temperature: Floats, t: float, renew: bool, warmed: bool, heating: bool
+    model: Model, work: Work, x: Floats, v: Floats, temperature: Floats, t: float, renew: bool, warmed: bool,
+    heating: bool,
 ) -> int:
-    """Acceleration and heating rate at positions x (3, n), temperature (n,) and time t in s; a failure code.
+    """Acceleration and heating rate at x, v (3, n), temperature (n,) and time t in s; a failure code.
 
     renew: update the held light; warmed: the temperature has changed; heating: update the heating rate.
     """
@@ -194,6 +217,10 @@ def evaluate(
     code = _pull(model, work, x, t)
     if code != failure.INTACT:
         return code
+    if model.retardation.size > 0:
+        damping.resist(
+            model.retardation, model.sheet, work.sheet, model.springs, work.damping, x, v, work.acceleration
+        )
     gain = ramp(t, model.light.delay, model.light.rise, model.light.on) if model.lit else 0.0
     work.gain[0] = gain
     if renew or gain == 0.0:
@@ -201,7 +228,7 @@ def evaluate(
     if gain > 0.0 or heating:
         triangles.sides(x, model.triangles.corners, work.sides)
     if gain > 0.0:
-        code = _light_up(model, work, x)
+        code = _light_up(model, work, x, temperature)
         if code != failure.INTACT:
             return code
     for c in range(3):
@@ -209,6 +236,10 @@ def evaluate(
         for i in range(a.size):
             a[i] *= model.per_mass[i]
     if heating:
+        properties.update(
+            model.curves, model.triangles.corners, temperature, work.broken.gone, work.heat.emission,
+            work.heat.conductance, work.heat.per_capacity,
+        )
         thermal.rates(
             model.heat, work.heat, model.springs, model.triangles.slots, work.sides, temperature, work.light.absorbed,
             gain,
@@ -322,7 +353,8 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool) -> int:
         temperature = work.stage.temperature if not last and model.heat.every == 1 else state.temperature
         t = (now - model.release) * dt if last else (n - model.release + (1.0 if k == 2 else 0.5)) * dt
         renew = fresh or (last and (now - model.release) % model.optics_every == 0)
-        code = evaluate(model, work, x, temperature, t, renew, warmed, heating)
+        v = state.v if last else work.stage.v
+        code = evaluate(model, work, x, v, temperature, t, renew, warmed, heating)
         if code != failure.INTACT:
             return code
     if integrator == VERLET and not fresh:

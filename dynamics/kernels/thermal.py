@@ -32,7 +32,7 @@ class Heat(NamedTuple):
 class HeatWork(NamedTuple):
     """Work space: rate (n,) in K/s, emitting (t + 1,): emission × current area, flow (2e + 1,) in W; last entries 0.
 
-    emission (t,), conductance (e,): those of the sail as it is now, 0 where triangles have been removed.
+    emission (t,), conductance (e,), per_capacity (n,): those of the sail as it is now, without what has been removed.
     """
 
     rate: Floats
@@ -40,6 +40,7 @@ class HeatWork(NamedTuple):
     flow: Floats
     emission: Floats
     conductance: Floats
+    per_capacity: Floats
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -90,7 +91,7 @@ def rates(
     if heat.conductance.size > 0:
         _conduct(work.conductance, springs, temperature, work.flow, work.rate)
     for i in range(work.rate.size):
-        work.rate[i] *= heat.per_capacity[i]
+        work.rate[i] *= work.per_capacity[i]
 
 
 @numba.njit(cache=True, error_model="numpy")

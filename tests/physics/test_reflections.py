@@ -162,7 +162,9 @@ def test_a_film_s_table_gives_its_reflectance_and_absorptance_at_every_angle(tmp
     flight, _ = lit(tmp_path, {"si43": table}, sail=sail, absorptance="table")
     for degrees in (0.0, 30.0, 45.0, 60.0, 70.0, 80.0):
         want = solve(SILICON, np.array([np.sin(np.radians(degrees))]))
-        got = reflections.response(flight.model.mirror, flight.model.light, 0, np.cos(np.radians(degrees)))
+        got = reflections.response(
+            flight.model.mirror, flight.model.light, flight.work.light.absorptance, 0, np.cos(np.radians(degrees))
+        )
         assert got[0] == pytest.approx(float(want.reflectance[0]), abs=1e-5)
         assert got[1] == pytest.approx(float(want.absorptance[0]), rel=1e-4)
 
