@@ -39,6 +39,7 @@ from dynamics.mesh import Integers, Mesh, sail_mesh
 from dynamics.mesh_checks import check_mesh
 from dynamics.regions import directions
 from dynamics.scene import Effect, Scene, plan
+from dynamics.stencil import layout, stencil_work, with_elements
 from dynamics.time_step import check_heat, damped_share
 from optics.files import InputError
 from optics.table import PressureTable, TableArrays
@@ -256,9 +257,12 @@ def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
     check_heat(scene, mesh, heat, effects, dt)
     spin_up = _spin_up(scene, effects, dt)
     release = max(spin_up.steps, 1)
+    springs, elements = _springs(mesh, lat, effects), _sheet(scene, mesh, effects)
     model = step.Model(
-        springs=_springs(mesh, lat, effects), sheet=_sheet(scene, mesh, effects), triangles=_triangles(scene, mesh),
+        springs=springs, sheet=elements,
+        stencil=with_elements(layout(mesh, scene.sail.outline, scene.sail.rings), springs, elements),
         retardation=_if(effects["damping"].on, per_triangle(scene.sail, mesh, "damping_s")),
+        triangles=_triangles(scene, mesh),
         masses=lat.masses, per_mass=1.0 / lat.masses, rest=np.ascontiguousarray(centred(mesh, lat.masses).T),
         lit=effects["light"].on, light=_light(scene, mesh, tables, effects),
         mirror=_mirror(scene, mesh, tables, effects), warm=is_warm(effects),
@@ -331,8 +335,10 @@ def work_space(model: step.Model, on_failure: str = "stop") -> step.Work:
         tension=np.zeros(3 * t + 1 if damped else 0), force=np.zeros((3, n if damped else 0)),
     )
     return step.Work(
-        free=model.springs.rest.copy(), sheet=elastic_sheet, damping=viscous, pull=np.zeros((3, 2 * m + 1)),
-        acceleration=np.zeros((3, n)), sides=np.zeros((6, t)), light=_light_work(model.light.absorptance),
+        free=model.springs.rest.copy(), sheet=elastic_sheet,
+        stencil=stencil_work(model.stencil, model.springs, model.sheet), damping=viscous,
+        pull=np.zeros((3, 2 * m + 1)), acceleration=np.zeros((3, n)), sides=np.zeros((6, t)),
+        light=_light_work(model.light.absorptance),
         mirror=_mirror_work(model.mirror), broken=_broken(on_failure, t), heat=heat,
         flags=np.zeros(2, np.int64), gain=np.zeros(1),
         stage=step.Stage(*np.zeros((4, 3, stages)), *np.zeros((2, stages if model.warm else 0))),

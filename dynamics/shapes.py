@@ -123,6 +123,21 @@ def _on_ring(outline: str, n: int, place: Integers) -> Integers:
     return ring_start(outline, n) + (place - first) % (sides * hops * n)
 
 
+def lattice_points(outline: str, rings: int) -> Integers:
+    """Whole coordinates (n, 2) of the nodes in a lattice of triangles, or of squares, whose neighbours are theirs."""
+    corners = np.array([(1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1), (1, 0)])
+    if outline == "square":
+        corners = np.array([(1, -1), (1, 1), (-1, 1), (-1, -1), (1, -1)])
+    sides, hops = SIDES[outline]
+    points = np.zeros((ring_start(outline, rings + 1), 2), dtype=np.int64)
+    for n in range(1, rings + 1):
+        place = np.arange(sides * hops * n)
+        side, j = np.divmod(place, hops * n)
+        hop = (corners[1:] - corners[:-1]) // hops
+        points[_on_ring(outline, n, place)] = n * corners[side] + j[:, None] * hop[side]
+    return points
+
+
 def _stitch(outline: str, n: int) -> Integers:
     r"""Triangles (·, 3) between ring n − 1 and ring n, side by side.
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.uint32]
+Integers = NDArray[np.int64]
 
 #: Temperature in K at which edges have their rest length.
 REFERENCE_TEMPERATURE = 300.0

@@ -111,7 +111,7 @@ def _sums(c: Floats, d: Floats, trace: Floats, total: Floats) -> None:
 
 
 @numba.njit(cache=True, inline="always")
-def _holds(trace: float, spread: float, poisson: float, limit: float) -> bool:
+def holds(trace: float, spread: float, poisson: float, limit: float) -> bool:
     """Whether the larger principal stress is below the strength: given 4A tr E, `spread` and the scaled strength.
 
     The principal strains are (trace ± √spread)/(8A), spread = 16A²((tr E)² − 4 det E). The larger principal stress is
@@ -132,7 +132,7 @@ def _failing(sheet: Sheet, work: SheetWork) -> int:
     for i in range(limit.size):
         squares = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
         spread = trace[i] * trace[i] - total[i] * total[i] + 2.0 * squares
-        bad += 0 if _holds(trace[i], spread, poisson[i], limit[i]) else 1
+        bad += 0 if holds(trace[i], spread, poisson[i], limit[i]) else 1
     if limit.size == 0:
         for i in range(t):
             bad += 0 if abs(trace[i]) < np.inf else 1
@@ -248,7 +248,7 @@ def strain_and_energy(
 @numba.njit(cache=True, error_model="numpy")
 def tears(sheet: Sheet, work: SheetWork, i: int) -> bool:
     """Is triangle i above its strength; work.tension still d."""
-    return sheet.limit.size > 0 and not _holds(
+    return sheet.limit.size > 0 and not holds(
         work.trace[i], _spread(sheet, work, i), sheet.poisson[i], work.limit[i]
     )
 

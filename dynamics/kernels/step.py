@@ -23,6 +23,7 @@ from dynamics.kernels import (
     record,
     reflections,
     sheet,
+    stencil,
     tearing,
     thermal,
     triangles,
@@ -35,6 +36,7 @@ from dynamics.kernels.properties import Curves
 from dynamics.kernels.reflections import Mirror, MirrorWork
 from dynamics.kernels.sheet import Sheet, SheetWork
 from dynamics.kernels.spin import SpinUp, kick
+from dynamics.kernels.stencil import Stencil, StencilWork
 from dynamics.kernels.tearing import Broken
 from dynamics.kernels.thermal import Heat, HeatWork
 from dynamics.kernels.triangles import Triangles
@@ -53,6 +55,7 @@ class Model(NamedTuple):
 
     springs: Springs
     sheet: Sheet
+    stencil: Stencil
     retardation: Floats
     triangles: Triangles
     masses: Floats
@@ -93,6 +96,7 @@ class Work(NamedTuple):
 
     free: Floats
     sheet: SheetWork
+    stencil: StencilWork
     damping: DampingWork
     pull: Floats
     acceleration: Floats
@@ -170,34 +174,44 @@ def _warm_up(model: Model, work: Work, x: Floats, temperature: Floats, t: float)
         model.curves.expansion, model.sheet, model.triangles.corners, temperature, work.sheet.free
     )
     elastic.free_lengths(model.springs, temperature, work.free)
+    if model.sheet.expansion.size > 0 or model.curves.expansion.region.size > 0:
+        stencil.spread(work.sheet.free, model.stencil.slots, work.stencil.free)
+    if model.springs.expansion.size > 0:
+        stencil.spread(work.free, model.stencil.edges, work.stencil.lengths)
     code, found = failure.first_burnt(model.springs, model.heat.limit, model.heat.lowest, temperature)
     if code == failure.THERMAL and work.broken.failed.size > 0:
         tearing.burn(
             work.broken, model.sheet, work.sheet, model.heat, work.heat, work.light, model.springs, x, temperature, t
         )
+        _lay_out(model, work)
         return failure.INTACT
     work.flags[1] = found
     return code
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _lay_out(model: Model, work: Work) -> None:
+    """Triangles as they are now, free lengths apart, to the stencil: after some have failed."""
+    stencil.spread(work.sheet.modulus, model.stencil.cells, work.stencil.modulus)
+    stencil.spread(work.sheet.limit, model.stencil.cells, work.stencil.limit)
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _pull(model: Model, work: Work, x: Floats, t: float) -> int:
     """Elastic forces into work.acceleration; INTACT, TENSILE or NON_FINITE."""
-    code = failure.INTACT
-    if work.broken.failed.size > 0:
-        if sheet.forces(model.sheet, work.sheet, model.springs, x, work.pull, work.acceleration) > 0:
-            code, work.flags[1] = tearing.tear(
-                work.broken, model.sheet, work.sheet, work.heat, work.light, model.springs, x, work.pull, t
-            )
-            sheet.forces(model.sheet, work.sheet, model.springs, x, work.pull, work.acceleration)
-    elif model.sheet.modulus.size > 0:
-        if sheet.forces(model.sheet, work.sheet, model.springs, x, work.pull, work.acceleration) > 0:
-            work.flags[1], finite = sheet.first_torn(
-                model.sheet, work.sheet, model.springs, x, work.pull
-            )
-            code = failure.TENSILE if finite else failure.NON_FINITE
-    elif elastic.forces(model.springs, x, work.free, work.pull, work.acceleration) > 0:
+    if stencil.forces(model.stencil, work.stencil, x, work.acceleration) == 0:
+        return failure.INTACT
+    if model.sheet.modulus.size == 0:
         code, work.flags[1] = failure.first_torn(model.springs, x, work.free)
+        return code
+    if work.broken.failed.size == 0:
+        work.flags[1], finite = sheet.first_torn(model.sheet, work.sheet, model.springs, x, work.pull)
+        return failure.TENSILE if finite else failure.NON_FINITE
+    code, work.flags[1] = tearing.tear(
+        work.broken, model.sheet, work.sheet, work.heat, work.light, model.springs, x, work.pull, t
+    )
+    _lay_out(model, work)
+    stencil.forces(model.stencil, work.stencil, x, work.acceleration)
     return code
 
 
