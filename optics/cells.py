@@ -45,7 +45,21 @@ class Surroundings(Strict):
     back_k: Extinction = 0.0
 
 
-class Metagrating(Strict):
+class _Periodic(Strict):
+    """What gratings share."""
+
+    name: Name
+    wavelength_nm: Wavelength
+    electric_axis: ElectricAxis
+    period_nm: Length
+
+    @property
+    def pitch(self) -> float:
+        """λ/d, the step in u between diffraction orders."""
+        return self.wavelength_nm / self.period_nm
+
+
+class Metagrating(_Periodic):
     """Ridges of one height on a membrane, periodic along g and endless along r. Light falls on the ridges.
 
     Lengths in nm. `ridges_nm` holds [start, width] along +g within one period. `electric_axis` is the direction of E at
@@ -54,10 +68,6 @@ class Metagrating(Strict):
     """
 
     kind: Literal["metagrating"]
-    name: Name
-    wavelength_nm: Wavelength
-    electric_axis: ElectricAxis
-    period_nm: Length
     ridges_nm: Annotated[list[Pair], Field(min_length=1)]
     ridge_height_nm: Length
     membrane_nm: Thickness
@@ -88,11 +98,6 @@ class Metagrating(Strict):
                 "half their width"
             )
         return self
-
-    @property
-    def pitch(self) -> float:
-        """λ/d, the step in u between diffraction orders."""
-        return self.wavelength_nm / self.period_nm
 
     @property
     def fill(self) -> float:
@@ -145,14 +150,10 @@ class LamellarLayer(Strict):
     ridges: list[Ridge] = []
 
 
-class LamellarStack(Strict):
+class LamellarStack(_Periodic):
     """Any stack of lamellar layers with a common period, listed from the light side; `electric_axis` as above."""
 
     kind: Literal["lamellar"]
-    name: Name
-    wavelength_nm: Wavelength
-    electric_axis: ElectricAxis
-    period_nm: Length
     layers: Annotated[list[LamellarLayer], Field(min_length=1)]
     surroundings: Surroundings = Surroundings()
 
@@ -169,11 +170,6 @@ class LamellarStack(Strict):
                 if end > self.period_nm + near:
                     raise ValueError(f"{where} ends at {end:g}, beyond period_nm = {self.period_nm:g}")
         return self
-
-    @property
-    def pitch(self) -> float:
-        """λ/d, the step in u between diffraction orders."""
-        return self.wavelength_nm / self.period_nm
 
 
 def as_stack(cell: Metagrating | LamellarStack) -> LamellarStack:
@@ -201,7 +197,7 @@ class Polygon(Strict):
     vertices_nm: Annotated[list[Pair], Field(min_length=3)]
 
 
-class Profile(Strict):
+class Profile(_Periodic):
     """Any cross-section: polygons in 0 … period along g and 0 … depth along n, later ones over earlier ones.
 
     n = 0 is the plane that the light reaches first; what no polygon covers has the index in front. A polygon across
@@ -209,10 +205,6 @@ class Profile(Strict):
     """
 
     kind: Literal["profile"]
-    name: Name
-    wavelength_nm: Wavelength
-    electric_axis: ElectricAxis
-    period_nm: Length
     depth_nm: Length
     polygons: Annotated[list[Polygon], Field(min_length=1)]
     surroundings: Surroundings = Surroundings()
@@ -227,11 +219,6 @@ class Profile(Strict):
                         f"0 … {self.depth_nm:g}"
                     )
         return self
-
-    @property
-    def pitch(self) -> float:
-        """λ/d, the step in u between diffraction orders."""
-        return self.wavelength_nm / self.period_nm
 
 
 Cell = Metagrating | ThinFilm | LamellarStack | Profile

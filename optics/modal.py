@@ -117,13 +117,13 @@ def choose_order(cell: Metagrating | LamellarStack, u: Floats, v: Floats, tolera
 def order_error(cell: Metagrating | LamellarStack, u: Floats, v: Floats, order: int) -> tuple[Floats, Floats]:
     """Estimated error (n_u, n_v) of q from truncation at `order`: in the cell's own polarisation, and in any.
 
-    Half the changes from 0.7 and 0.6 of the orders and a quarter from half. Errors fall between N⁻² and N⁻³,
+    0.45 of the changes from 0.7 and 0.6 of the orders and 0.2 of that from half. Errors fall between N⁻² and N⁻³,
     with beats that depend on where the ridges lie: each change is one to seven times the error of `order`, but any one
     of them may vanish. `workflow/benchmarks/error_estimate.py` shows how often the sum covers the error.
     """
     finest = solve(cell, u, v, order)
     own, every = np.full((2, u.size, v.size), 1e-13)
-    for share, weight in ((0.7, 0.5), (0.6, 0.5), (0.5, 0.25)):
+    for share, weight in ((0.7, 0.45), (0.6, 0.45), (0.5, 0.2)):
         coarser = solve(cell, u, v, int(np.ceil(share * order)))
         own += weight * np.abs(coarser.q - finest.q).max(axis=-1)
         stokes = np.moveaxis(coarser.q_stokes - finest.q_stokes, -2, 0)

@@ -7,16 +7,13 @@ Error of q_g and q_n against the modal method with ±120 orders; the time of a p
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
-from pathlib import Path
 
 import numpy as np
 from plain_meep import plain, pressure
-from rows import CELLS, DESIGNS, Row, directions, write
-from threadpoolctl import threadpool_limits
+from rows import CELLS, DESIGNS, Row, directions, write_measured
 
 from optics.cells import Metagrating, read_metagrating
 from optics.fdtd_direction import extrapolate
@@ -56,14 +53,5 @@ def rows() -> Iterator[Row]:
             yield Row(solver, name, where, setting, float(np.abs(q - truth).max()), spent)
 
 
-def main() -> None:
-    """Write the rows."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", required=True, type=Path)
-    arguments = parser.parse_args()
-    with threadpool_limits(1):
-        write(arguments.out, rows())
-
-
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(lambda: write_measured(__doc__, rows()))

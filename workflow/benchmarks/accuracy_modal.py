@@ -9,16 +9,14 @@ arithmetic at a few of them.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
-from pathlib import Path
+from itertools import chain
 
 import meent_solver
 import mpmath
 import numpy as np
 import tmm
-from rows import CELLS, DESIGNS, Row, directions, seconds, write
-from threadpoolctl import threadpool_limits
+from rows import CELLS, DESIGNS, Row, directions, seconds, write_measured
 
 from optics import modal, thin_film
 from optics.cells import read_metagrating
@@ -84,14 +82,5 @@ def films() -> Iterator[Row]:
             yield Row(solver, "20 layers", polarisation, "double precision", error, spent)
 
 
-def main() -> None:
-    """Write the rows."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", required=True, type=Path)
-    arguments = parser.parse_args()
-    with threadpool_limits(1):
-        write(arguments.out, [*gratings(), *films()])
-
-
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(lambda: write_measured(__doc__, chain(gratings(), films())))

@@ -7,13 +7,10 @@ The error is that of the table's look-up at random directions within ±25°, aga
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
-from rows import CELLS, DESIGNS, Row, seconds, write
-from threadpoolctl import threadpool_limits
+from rows import CELLS, DESIGNS, Row, seconds, write_measured
 
 from optics.cells import read_metagrating
 from optics.files import run_stage
@@ -40,14 +37,5 @@ def tables() -> Iterator[Row]:
                 yield Row("modal table", name, where, f"{tolerance:g}", float(np.quantile(error, level)), spent)
 
 
-def main() -> None:
-    """Write the rows."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", required=True, type=Path)
-    arguments = parser.parse_args()
-    with threadpool_limits(1):
-        write(arguments.out, tables())
-
-
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(lambda: write_measured(__doc__, tables()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import csv
 import time
 from collections.abc import Callable, Iterable
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from optics.files import atomic
 
@@ -43,6 +45,15 @@ def seconds(work: Callable[[], object], repeats: int = 3) -> float:
         work()
         best = min(best, time.process_time() - start)
     return best
+
+
+def write_measured(description: str | None, rows: Iterable[Row]) -> None:
+    """Command line of a benchmark, `--out FILE`: measure the rows on one thread and write them."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", required=True, type=Path)
+    arguments = parser.parse_args()
+    with threadpool_limits(1):
+        write(arguments.out, rows)
 
 
 def write(path: Path, rows: Iterable[Row]) -> None:
