@@ -17,6 +17,7 @@ include: "workflow/rules/accuracy.smk"
 include: "workflow/rules/basins.smk"
 include: "workflow/rules/screening.smk"
 include: "workflow/rules/polarisation.smk"
+include: "workflow/rules/rounded.smk"
 include: "workflow/rules/accuracy_rigid.smk"
 
 

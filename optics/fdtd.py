@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 
 from optics.command import add_table_arguments, check_range, checked
 from optics.fdtd_adaptive import adapt
-from optics.fdtd_direction import check_cell, check_grazing, solve_direction
+from optics.fdtd_direction import check_window, solve_direction
 from optics.fdtd_grid import FdtdSettings
 from optics.fdtd_parts import Rows, block, merge, read_rows, write_rows
 from optics.fdtd_run import import_meep
@@ -80,6 +80,13 @@ def read_nodes(path: str, cell: Grating) -> tuple[Floats, Floats]:
     return u, v
 
 
+def _checked_nodes(path: str, cell: Grating) -> tuple[Floats, Floats]:
+    """Nodes from a file, if their whole range can be solved: told before the first direction is."""
+    u, v = read_nodes(path, cell)
+    check_window(cell, u, v)
+    return u, v
+
+
 def _part(text: str) -> tuple[int, int]:
     """(i, n) from 'i/n', 1 ≤ i ≤ n."""
     try:
@@ -100,21 +107,14 @@ def _arguments() -> argparse.Namespace:
     return checked(parser.parse_args())
 
 
-def _solvable(cell: Grating, directions: Floats) -> Floats:
-    """The directions (n, 2), if each of them can be solved: told before the first is."""
-    for u, v in directions:
-        check_cell(cell, u, v)
-        check_grazing(cell, u, v)
-    return directions
-
-
 def _table(cell: Grating, settings: FdtdSettings, arguments: argparse.Namespace, out: Path) -> None:
     """Solve everything and write the table; the rows are kept beside it until it is written."""
     rows = out.with_name(f"{out.name}.rows.h5")
     if arguments.nodes:
-        nodes = read_nodes(arguments.nodes, cell)
-        solve_part(cell, _solvable(cell, block(*nodes, 1, 1)), settings, rows)
+        nodes = _checked_nodes(arguments.nodes, cell)
+        solve_part(cell, block(*nodes, 1, 1), settings, rows)
     else:
+        check_window(cell, arguments.u_max * np.array([-1.0, 1.0]), np.array([0.0, arguments.v_max]))
         nodes = solve_adaptively(cell, arguments.u_max, arguments.v_max, settings, rows)
     merge(cell, settings, *nodes, [rows]).write(out)
     rows.unlink()
@@ -129,7 +129,6 @@ def main() -> None:
     settings = validate({"tolerance": arguments.tolerance}, FdtdSettings, "command line")
     if (arguments.part or arguments.merge) and not arguments.nodes:
         raise InputError("--part and --merge need --nodes, the file of all directions; make it with optics.nodes")
-    check_cell(cell, arguments.u_max, arguments.v_max)
     if arguments.merge:
         merge(cell, settings, *read_nodes(arguments.nodes, cell), [Path(part) for part in arguments.merge]).write(out)
         return
@@ -139,8 +138,8 @@ def main() -> None:
             _table(cell, settings, arguments, out)
             return
         i, n = _part(arguments.part)
-        directions = block(*read_nodes(arguments.nodes, cell), i, n)
-        solve_part(cell, _solvable(cell, directions), settings, out, f"part {i}/{n} of FDTD")
+        directions = block(*_checked_nodes(arguments.nodes, cell), i, n)
+        solve_part(cell, directions, settings, out, f"part {i}/{n} of FDTD")
 
 
 if __name__ == "__main__":

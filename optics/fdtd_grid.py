@@ -8,17 +8,17 @@ import numpy as np
 from pydantic import Field
 
 from optics.files import Positive, Strict
-from optics.outline import Grating, depth_nm
+from optics.outline import Grating, depth_nm, polygons
 
 
 class FdtdSettings(Strict):
     """How FDTD is run. Lengths in wavelengths, unless a name says otherwise; times in periods of the light.
 
-    `resolutions_per_um` are tried in order until the error estimated from the last two or three is below `tolerance`.
+    `pixels_per_wavelength`, in the densest material, are tried in order until the error estimated is below `tolerance`.
     `symmetries` is refused: with forces or a Bloch vector this Meep gives wrong results.
     """
 
-    resolutions_per_um: list[Positive] = Field(default=[14.0, 20.0, 28.0, 40.0, 56.0, 80.0], min_length=2)
+    pixels_per_wavelength: list[Positive] = Field(default=[7.45, 10.65, 14.9, 21.3, 29.8, 42.55], min_length=2)
     tolerance: Positive = 1e-2
     courant: float = Field(default=0.65, gt=0, le=0.7)
     absorber: Positive = 0.56
@@ -48,13 +48,19 @@ class Layout:
         return self.period / self.n_x
 
 
+def periods(cell: Grating) -> float:
+    """Wavelengths in the densest material (vacuum where none is denser) that a period is long."""
+    densest = max([1.0, *(float(np.sqrt(epsilon).real) for _, epsilon in polygons(cell))])
+    return densest * cell.period_nm / cell.wavelength_nm
+
+
 def pixels(cell: Grating, resolution: float) -> int:
-    """Pixels a period at about `resolution` pixels per µm."""
-    return max(8, round(resolution * cell.period_nm / 1000))
+    """Pixels a period at about `resolution` pixels per wavelength in the densest material."""
+    return max(8, round(resolution * periods(cell)))
 
 
 def layout(cell: Grating, resolution: float, settings: FdtdSettings, thicker: float = 1.0) -> Layout:
-    """The grid nearest to `resolution` (pixels per µm) on which the period is a whole number of pixels.
+    """The grid nearest to `resolution` (see `pixels`) on which the period is a whole number of pixels.
 
     The absorbers are `thicker` times as thick as the settings say.
     """

@@ -20,7 +20,7 @@ from optics.table import PressureTable
 
 _COLUMNS = (
     "u", "v", "q_g", "q_r", "q_n", "absorptance", "error", "energy_imbalance", "stress", "residual", "capped",
-    "seconds", "grazing", "finest_per_um",
+    "seconds", "grazing", "finest",
 )
 _U_SPACING, _V_SPACING = 0.0025, 0.0075
 
@@ -171,11 +171,11 @@ def _nearby(u_nodes: Floats, v_nodes: Floats, error: Floats, u: Floats, v: Float
 
 
 def _attrs(cell: Grating, settings: Strict, rows: Rows, u_nodes: Floats, v_nodes: Floats) -> dict[str, Any]:
-    finest, counts = np.unique(rows.column("finest_per_um"), return_counts=True)
+    finest, counts = np.unique(rows.column("finest"), return_counts=True)
     return {
         "name": cell.name, "solver": "fdtd", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
         "settings": settings.model_dump(mode="json"), "nodes_u": u_nodes.tolist(), "nodes_v": v_nodes.tolist(),
-        "directions_by_pixels_per_um": {f"{key:g}": int(n) for key, n in zip(finest, counts, strict=True)},
+        "directions_by_pixels_per_wavelength": {f"{key:.3g}": int(n) for key, n in zip(finest, counts, strict=True)},
         "cutoffs": cutoffs(cell.pitch, float(np.abs(u_nodes).max())),
         "energy_imbalance": float(np.abs(rows.column("energy_imbalance")).max()),
         "stress_difference": float(rows.column("stress").max()), "capped": int(rows.column("capped").sum()),

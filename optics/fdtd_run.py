@@ -9,10 +9,10 @@ Meep's axes are X = g, Y = −n, Z = r (a proper rotation, as g × r = n): light
     - - - - -  back line
     ▒▒▒▒▒▒▒▒▒  absorber (PML)
 
-Fields on the lines are split into diffraction orders. By Parseval the Maxwell stress over a line is a sum over orders,
-and a plane wave of direction k carries momentum k/c per power, so efficiencies give the force (Jackson, Classical
-Electrodynamics, §6.7). Order by order, the incident wave is subtracted exactly: a stress monitor of the total
-field carries its beat with the reflected wave, an error of second order in the pixel that depends on the distance.
+Fields on the lines are split into diffraction orders. A plane wave of direction k carries momentum k/c per power, so
+efficiencies give the force (Jackson, Classical Electrodynamics, §6.7). Order by order, the incident wave is subtracted
+exactly. Maxwell's stress of the total field checks that: it carries the beat of incident and reflected wave, an error
+of second order in the pixel that depends on the distance.
 
 Meep is imported inside functions only: importing it switches denormal numbers off in the whole process.
 """
@@ -20,7 +20,6 @@ Meep is imported inside functions only: importing it switches denormal numbers o
 from __future__ import annotations
 
 import contextlib
-import functools
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -40,6 +39,10 @@ HOW_TO_GET_MEEP = (
 )
 
 _STEP = 5  # periods between two looks at the amplitudes
+# What an absorber sends back: of the flattest order's amplitude; at most of the power of a wave that meets it head on.
+_SENT_BACK, _HEAD_ON = 1e-5, 1e-15
+# A Gaussian of this width in units of w² is down to 4 %, exp(−(π w²/width)²/2), at the frequency of an order's cut-off.
+_DARK = 1.25
 
 
 def import_meep() -> Any:
@@ -88,6 +91,31 @@ def propagating_orders(cell: Grating, u: float, v: float) -> tuple[Floats, Compl
     return u_m[w_m.real > 0], w_m[w_m.real > 0]
 
 
+def grazing(cell: Grating, u: float, v: float) -> float:
+    """Smallest |w| of the diffraction orders, propagating or evanescent."""
+    most = int(np.ceil(2 / cell.pitch))
+    return float(np.abs(order_cosines(u, v, cell.pitch, np.arange(-most, most + 1))[1]).min())
+
+
+def reflection(smallest: float) -> float:
+    """Meep's `R_asymptotic`, the power sent back of a wave at right angles, for orders of |w| ≥ `smallest`.
+
+    Damping falls with w however thick the absorber is: a wave of w comes back with the amplitude R^(w/2) (Taflove &
+    Hagness, Computational Electrodynamics, §7.5). Meep's own 1e-15 leaves 5 % of an order of w = 0.17.
+    """
+    return float(min(_HEAD_ON, _SENT_BACK ** (2 / smallest)))
+
+
+def pulse_width(smallest: float, settings: FdtdSettings) -> float:
+    """Width of the pulse as a share of its frequency, for orders of |w| ≥ `smallest`.
+
+    An order is cut off at a frequency lower by w²/2. There its waves leave the cell as slowly as one likes: a pulse
+    that holds them rings for long, so it is made narrow enough to hold 4 % of them, and lasts half of the longest time
+    at most.
+    """
+    return min(settings.pulse_width, max(_DARK * smallest**2, 16 / settings.longest))
+
+
 class Run:
     """A Meep simulation of the cell, or with `empty` of a strip of vacuum one pixel wide: the same to a plane wave."""
 
@@ -97,6 +125,8 @@ class Run:
         self.mp = import_meep()
         self.cell, self.u, self.v, self.grid, self.settings, self.empty = cell, u, v, grid, settings, empty
         self.frequency = 1000 / cell.wavelength_nm
+        self.smallest = grazing(cell, u, v)
+        self.pulse_width = pulse_width(self.smallest, settings)
         self.n_x = 1 if empty else grid.n_x
         self.width = self.n_x * grid.pixel
         self.bottom = round(grid.y_bottom / grid.pixel)
@@ -113,7 +143,7 @@ class Run:
     def _simulation(self) -> Any:
         mp, grid, f = self.mp, self.grid, self.frequency
         absorber = mp.PML(
-            grid.n_absorber * grid.pixel, direction=mp.Y,
+            grid.n_absorber * grid.pixel, direction=mp.Y, R_asymptotic=reflection(self.smallest),
             mean_stretch=2.0,  # without it slowly decaying near fields reach the end of the absorber, and grow there
         )
         return mp.Simulation(
@@ -132,10 +162,13 @@ class Run:
         tensor = self.material.tensor(x, y)
         if weakly_absorbing(self.cell):
             tensor = tensor.real.astype(complex)
-        medium = functools.cache(lambda i, j: self._medium(tensor[i, j]))
+        # Most points share their tensor with others, and to make a medium takes Meep longer than many a time step.
+        different, which = np.unique(tensor.reshape(-1, 4).round(12), axis=0, return_inverse=True)
+        media, which = [self._medium(one) for one in different], which.reshape(tensor.shape[:2]).tolist()
 
         def permittivity(p: Any) -> Any:
-            return medium(round(2 * p.x / pixel + grid.n_x) % (2 * grid.n_x), round(2 * p.y / pixel) - 2 * low)
+            i, j = round(2 * p.x / pixel + grid.n_x) % (2 * grid.n_x), round(2 * p.y / pixel) - 2 * low
+            return media[which[i][j]]
 
         mp = self.mp
         # Meep looks for conductivity only where some plain medium has one: this one, which lies hidden below the other.
@@ -160,7 +193,7 @@ class Run:
         mp, e = self.mp, electric_vector(self.u, self.v, self.cell.electric_axis)
         h = np.cross(wave_vector(self.u, self.v), e)
         current = np.cross([0.0, 0.0, 1.0], h)
-        pulse = mp.GaussianSource(self.frequency, fwidth=self.settings.pulse_width * self.frequency, cutoff=4)
+        pulse = mp.GaussianSource(self.frequency, fwidth=self.pulse_width * self.frequency, cutoff=4)
 
         def phase(p: Any) -> complex:
             return complex(np.exp(2j * np.pi * self.frequency * self.u * p.x))
@@ -206,13 +239,20 @@ class Run:
                     out[i, j] = to_orders @ array[one] / (averaged if j in (1, 2) else 1.0)
         return out
 
+    def _advance(self, time: float) -> None:
+        """Step on by a time, in Meep's units; `Simulation.run` would spend a quarter as long again between steps."""
+        fields = self.simulation.fields
+        for _ in range(int(np.ceil(time / fields.dt))):
+            fields.step()
+
     def until_decayed(self) -> tuple[Complexes, Decay]:
         """Run until the amplitudes stand still or the longest time is over; they, and what they still lack."""
         f, step = self.frequency, _STEP / self.frequency
-        self.simulation.run(until=8 / (self.settings.pulse_width * f))  # the pulse: cutoff 4 on both sides
+        self.simulation.run(until=0)  # makes the monitors
+        self._advance(8 / (self.pulse_width * f))  # the pulse: cutoff 4 on both sides
         before, changes, capped = self.amplitudes(), [np.inf], False
         while (residual := remaining(changes)) > self.settings.decay and not capped:
-            self.simulation.run(until=step)
+            self._advance(step)
             now = self.amplitudes()
             changes.append(float(np.abs(now - before).max() / np.abs(now).max()))
             before = now
@@ -220,17 +260,6 @@ class Run:
                 raise InputError(f"FDTD at u = {self.u:g}, v = {self.v:g}: fields are not finite; lower 'courant'")
             capped = self.simulation.meep_time() * f >= self.settings.longest
         return before, Decay(residual, capped)
-
-    def monitor_stress(self) -> Callable[[], Floats]:
-        """Start Meep's own Maxwell stress on the two lines; the function returned gives the force (2,) on g and n."""
-        mp, forces = self.mp, []
-        for direction in (mp.X, mp.Y):
-            regions = [
-                mp.ForceRegion(mp.Vector3(0, y), direction=direction, size=mp.Vector3(self.width), weight=weight)
-                for y, weight in ((self.grid.y_front, 1), (self.grid.y_back, -1))
-            ]
-            forces.append(self.simulation.add_force(self.frequency, 0, 1, *regions))
-        return lambda: np.array([sign * mp.get_forces(force)[0] for sign, force in zip((1, -1), forces, strict=True)])
 
     def monitor_heat(self) -> Callable[[], float]:
         """Start recording E in the material; the function returned gives ∫ Im ε |E|² dA over it (µm²)."""

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from optics.cells import Metagrating, Profile, read_cell
-from optics.fdtd_direction import grazing, solve_direction
+from optics.fdtd_direction import solve_direction
 from optics.fdtd_grid import FdtdSettings
+from optics.fdtd_run import grazing
 from optics.files import InputError
 from optics.lamellar import solve
 from optics.outline import staircase
@@ -16,7 +17,7 @@ pytestmark = [
     pytest.mark.meep,
     pytest.mark.skipif(importlib.util.find_spec("meep") is None, reason="Meep is not installed"),
 ]
-TRIPLE = FdtdSettings(resolutions_per_um=[14.0, 20.0, 28.0])
+TRIPLE = FdtdSettings(pixels_per_wavelength=[7.45, 10.65, 14.9])
 
 
 def changed(cell, **updates):
@@ -38,7 +39,7 @@ def test_a_resonance_too_sharp_to_ring_down_is_refused(te, apart):
     u = np.linspace(-0.08, -0.03, 1001)
     q = solve(cell, u, np.zeros(1), 8).q[:, 0, 2]
     with pytest.raises(InputError, match="still ring after 600 periods"):
-        apart(solve_direction, cell, float(u[q.argmax()]), 0.0, FdtdSettings(resolutions_per_um=[14.0, 20.0]))
+        apart(solve_direction, cell, float(u[q.argmax()]), 0.0, FdtdSettings(pixels_per_wavelength=[7.45, 10.65]))
 
 
 @pytest.mark.parametrize("offset", [-1e-3, -1e-9, 0.0, 1e-4, 4e-3])

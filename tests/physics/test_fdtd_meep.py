@@ -17,8 +17,8 @@ pytestmark = [
     pytest.mark.meep,
     pytest.mark.skipif(importlib.util.find_spec("meep") is None, reason="Meep is not installed"),
 ]
-COARSE = FdtdSettings(resolutions_per_um=[10.0, 20.0])
-PAIR = FdtdSettings(resolutions_per_um=[20.0, 40.0])
+COARSE = FdtdSettings(pixels_per_wavelength=[5.32, 10.65])
+PAIR = FdtdSettings(pixels_per_wavelength=[10.65, 21.3])
 
 
 def changed(cell, **updates):
@@ -65,7 +65,7 @@ def test_strong_absorption_is_lost_power(te, apart):
 )
 def test_the_published_cells_agree_with_the_modal_solver(request, apart, which, u, v):
     cell = request.getfixturevalue(which)
-    result = apart(solve_direction, cell, u, v, FdtdSettings(resolutions_per_um=[20.0, 40.0], tolerance=1.0))
+    result = apart(solve_direction, cell, u, v, FdtdSettings(pixels_per_wavelength=[10.65, 21.3], tolerance=1.0))
     exact = modal.solve(cell, np.array([u]), np.array([v]), 30)
     assert np.abs(result.q - exact.q[0, 0]).max() < max(1.5 * result.error, 1e-2)
     assert result.absorptance == pytest.approx(exact.absorptance[0, 0], rel=0.03)
@@ -87,12 +87,33 @@ def test_v_to_minus_v_is_a_mirror(tm, apart):
     np.testing.assert_allclose(one.q * [1, -1, 1], other.q, atol=1e-6)
 
 
-@pytest.mark.parametrize(("which", "u", "v"), [("te", 0.05, 0.0), ("te", -0.09, 0.09), ("tm", 0.03, 0.17)])
-def test_the_stress_monitors_and_the_orders_give_the_same_force(request, apart, which, u, v):
-    # One at a time they differ by the beat of incident and reflected wave, 1e-2; it, too, falls with the pixel squared.
-    result = apart(solve_direction, request.getfixturevalue(which), u, v, FdtdSettings(resolutions_per_um=[20.0, 28.0]))
-    assert 0 < result.stress < 1e-2
-    assert result.stress < result.error
+@pytest.mark.parametrize(
+    ("which", "u", "v"),
+    [
+        ("te", 0.05, 0.0), ("te", -0.09, 0.09), ("te", 0.1737, 0.1737), ("tm", 0.03, 0.17), ("tm", -0.1737, 0.0),
+        # Here an order leaves at 10° to the plane of the grating, |w| = 0.17.
+        ("tm", 0.18, 0.18), ("tm", -0.18, 0.18),
+    ],
+)
+def test_each_row_states_an_error_that_covers_the_modal_solver_and_the_stress(request, apart, tmp_path, which, u, v):
+    cell, settings = request.getfixturevalue(which), FdtdSettings(tolerance=1e-2)
+    path = tmp_path / "part.h5"
+    apart(solve_part, cell, np.array([[u, v]]), settings, path)
+    q_g, q_r, q_n, error, stress = (read_rows(path, cell, settings).column(name)[0] for name in (
+        "q_g", "q_r", "q_n", "error", "stress",
+    ))
+    exact = modal.solve(cell, np.array([u]), np.array([v]), 40).q[0, 0]
+    assert np.abs([q_g, q_r, q_n] - exact).max() <= error <= settings.tolerance
+    assert 0 < stress <= error
+
+
+def test_a_cell_twice_as_large_at_twice_the_wavelength_has_the_same_response(te, apart):
+    lengths = {name: 2 * getattr(te, name) for name in ("wavelength_nm", "period_nm", "ridge_height_nm", "membrane_nm")}
+    large = changed(te, ridges_nm=[[2 * x for x in ridge] for ridge in te.ridges_nm], **lengths)
+    one, other = (apart(solve_direction, cell, 0.1, 0.05, COARSE) for cell in (te, large))
+    np.testing.assert_allclose(other.q, one.q, rtol=0, atol=1e-9)
+    assert other.error == pytest.approx(one.error, abs=1e-9)
+    assert other.resolutions == pytest.approx(one.resolutions)
 
 
 def test_a_stage_that_is_started_again_keeps_its_rows(te, apart, tmp_path):

@@ -15,6 +15,9 @@ import pytest
 from matplotlib.image import imread
 
 from dynamics import floquet, maps, membrane, rigid
+from optics.modal import solve
+from optics.outline import read_grating, upright
+from optics.table import PressureTable
 from tests.membranes import FIG6, altered
 from tests.synthetic import smooth_tables
 
@@ -89,6 +92,25 @@ def test_pressure(drawn, results):
     cell = results / "tables/mark1e_te"
     text = drawn("pressure", "--modal", cell / "modal.h5", "--fdtd", cell / "fdtd.h5")
     assert "largest 1.0e-03" in text
+
+
+def test_rounded_corners(drawn, tmp_path):
+    cells = [ROOT / f"workflow/designs/{kind}_te.yaml" for kind in ("rounded", "mark1e")]
+    u, v = np.linspace(-0.05, 0.05, 7), np.linspace(0.0, 0.05, 4)
+    stairs = solve(upright(read_grating(cells[0]), 12), u, v, 27)
+    q = np.moveaxis(stairs.q, -1, 0) + 1e-3
+    attrs = {"name": "rounded_te", "nodes_u": list(u), "nodes_v": list(v), "wall_seconds": 3.0}
+    table = PressureTable(u, v, q, stairs.absorptance, np.full((7, 4), 2e-3), mirror_v=True, attrs=attrs)
+    table.write(tmp_path / "fdtd.h5")
+    numbers = tmp_path / "rounded.csv"
+    files = ("--tables", tmp_path / "fdtd.h5", "--rounded", cells[0], "--sharp", cells[1], "--csv", numbers)
+    text = drawn("rounded", *files)
+    assert "what rounding changes" in text
+    rows = {row["quantity"]: float(row["value"]) for row in csv.DictReader(numbers.open(encoding="utf-8"))}
+    assert rows["|FDTD − staircase|, largest"] == pytest.approx(1e-3, rel=1e-3)
+    assert 1e-3 < rows["|staircase − sharp|, largest"] < 5e-3
+    assert rows["share of directions within the error that FDTD states"] == 1
+    assert rows["directions solved"] == 28
 
 
 def _study(incidence, growth, end):

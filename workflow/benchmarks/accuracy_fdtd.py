@@ -22,7 +22,7 @@ from optics.fdtd_run import import_meep
 from optics.files import progress, run_stage
 from optics.lamellar import solve
 
-RESOLUTIONS = (14.0, 20.0, 28.0, 40.0, 56.0)
+RESOLUTIONS = (7.45, 10.65, 14.9, 21.3, 29.8)  # pixels per wavelength in the material
 TRUTH = 120
 
 
@@ -34,11 +34,11 @@ def ladder(cell: Metagrating, u: float, v: float, way: str) -> Iterator[tuple[st
         with plain() if way == "Meep, plain" else nullcontext():
             q = pressure(cell, u, v, resolution)
         spent = time.process_time() - start
-        yield way, f"{resolution:g}/µm", q, spent
+        yield way, f"{resolution:g}/λ", q, spent
         now = pixels(cell, resolution), q
         if before is not None and way == "Meep":
             pair, earlier = before
-            yield "Meep, pair", f"to {resolution:g}/µm", extrapolate(pair, now)[0], earlier + spent
+            yield "Meep, pair", f"to {resolution:g}/λ", extrapolate(pair, now)[0], earlier + spent
         before = now, spent
 
 

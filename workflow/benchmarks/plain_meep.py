@@ -49,5 +49,5 @@ def plain() -> Iterator[None]:
 
 
 def pressure(cell: Any, u: float, v: float, resolution: float) -> np.ndarray:
-    """q_g and q_n (2,) of one direction at one resolution (pixels per µm)."""
+    """q_g and q_n (2,) of one direction at one resolution (pixels per wavelength)."""
     return values(u, v, fdtd_efficiencies.efficiencies(cell, u, v, resolution, SETTINGS))[0][:2]

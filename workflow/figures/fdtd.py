@@ -13,7 +13,7 @@ from optics.files import InputError, run_stage
 from optics.table import PressureTable
 
 MARKERS = ("o", "s", "^", "D")
-COLUMNS = ("u", "v", "q_g", "q_n", "error", "seconds", "finest_per_um")
+COLUMNS = ("u", "v", "q_g", "q_n", "error", "seconds", "finest")
 
 
 def read_parts(paths: list[Path]) -> dict[str, Floats]:
@@ -38,13 +38,13 @@ def deviation(modal: PressureTable, rows: dict[str, Floats]) -> Floats:
 def draw(designs: dict[str, tuple[Floats, dict[str, Floats]]]) -> Figure:
     """Deviation against wall time and against the estimate; a colour a design, a marker a resolution."""
     figure, (cost, honesty) = plt.subplots(1, 2, figsize=(9.5, 4.4), sharey=True)
-    finest = np.unique(np.concatenate([rows["finest_per_um"].round(-1) for _, rows in designs.values()]))
+    finest = np.unique(np.concatenate([rows["finest"].round() for _, rows in designs.values()]))
     for (name, (away, rows)), colour in zip(designs.items(), COLOURS, strict=False):
         for resolution, marker in zip(finest, MARKERS, strict=False):
-            at = rows["finest_per_um"].round(-1) == resolution
+            at = rows["finest"].round() == resolution
             if at.any():
                 style = {"marker": marker, "ls": "none", "ms": 4, "mfc": "none", "color": colour}
-                cost.loglog(rows["seconds"][at], away[at], label=f"{name}, to {resolution:g} per µm", **style)
+                cost.loglog(rows["seconds"][at], away[at], label=f"{name}, to {resolution:g} per λ", **style)
                 honesty.loglog(rows["error"][at], away[at], **style)
     everything = [rows["error"] for _, rows in designs.values()]
     ends = [min(e.min() for e in everything), max(e.max() for e in everything)]
