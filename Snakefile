@@ -19,6 +19,8 @@ include: "workflow/rules/screening.smk"
 include: "workflow/rules/polarisation.smk"
 include: "workflow/rules/rounded.smk"
 include: "workflow/rules/accuracy_rigid.smk"
+include: "workflow/rules/accuracy_flight.smk"
+include: "workflow/rules/published.smk"
 
 
 rule all:

@@ -18,7 +18,7 @@ COUNT = 4
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The sail at `time` (s): points (n, 3) in m, triangles (m, 3), temperature (m,) of the triangles in K."""
+    """The sail at `time` (s): points (n, 3) in m, triangles (m, 3) that are left, their temperature (m,) in K."""
 
     time: float
     points: Floats
@@ -48,9 +48,11 @@ def read(path: Path) -> list[Snapshot]:
         n, m = int(grid["NumberOfPoints"][0]), int(grid["NumberOfCells"][0])
         triangles = grid["Connectivity"][: 3 * m].reshape(m, 3)
         starts = [(int(steps["PointOffsets"][i]), int(steps["CellDataOffsets/temperature"][i])) for i in chosen]
+        failed = grid.get("CellData/failed", np.zeros(cells.shape))
+        left = [failed[c : c + m] == 0 for _, c in starts]
         return [
-            Snapshot(times[i], grid["Points"][p : p + n], triangles, cells[c : c + m])
-            for i, (p, c) in zip(chosen, starts, strict=True)
+            Snapshot(times[i], grid["Points"][p : p + n], triangles[kept], cells[c : c + m][kept])
+            for i, (p, c), kept in zip(chosen, starts, left, strict=True)
         ]
 
 

@@ -1,0 +1,196 @@
+"""Error against time of flexible flights: mesh, time step, scheme, intervals, elasticity and tables, one at a time.
+
+    python workflow/benchmarks/accuracy_flight.py --scene workflow/scenes/fig6.yaml --tables "modal 1e-3=te.h5,tm.h5" \
+        "modal 1e-2=te2.h5,tm2.h5" --out accuracy_flight.csv --markdown flight.md --png accuracy_flight.png
+
+The first 50 ms of a flight. Rings are compared with the finest mesh, tables with the first ones, all else with the same
+mesh at a quarter of the time step, light and heat renewed in every step. Errors are the largest over the flight: of the
+place across the beam, of the peak temperature, of the largest strain (relative). Seconds are CPU time of one core for a
+second of flight, spin-up included, without compilation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+
+from dynamics.membrane import Flight
+from dynamics.model import build
+from dynamics.sail import load_tables
+from dynamics.scene import Scene, read_scene
+from optics.files import InputError, atomic, progress, run_stage
+from optics.table import PressureTable
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+
+Tables = dict[str, PressureTable]
+
+DURATION = 0.05
+RINGS, FINEST = 10, 30
+MESHES = (4, 6, 8, 12, 16, 22)
+#: Shares of the default step, itself 0.8 of the bound, and how much finer the reference steps.
+STEPS = (1.2, 1.0, 0.5)
+FINE = 0.25
+SCHEMES = ("semi_implicit_euler", "verlet", "rk4")
+INTERVALS = (1, 4, 16, 64)
+ELASTICITY = ("triangles", "van_gelder", "lattice")
+TIMES = np.linspace(0.0, DURATION, 401)
+
+
+class Row(NamedTuple):
+    """One measurement: largest errors over the flight, of the path in m, of the peak temperature in K, of strain."""
+
+    knob: str
+    setting: str
+    error_path_m: float
+    error_temperature_K: float
+    error_strain: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """x, y (t, 2) in m and the peak temperature (t,) in K at TIMES, the largest strain, CPU seconds a second."""
+
+    path: np.ndarray
+    temperature: np.ndarray
+    strain: float
+    seconds: float
+
+    def row(self, knob: str, setting: str, best: Run) -> Row:
+        """The errors against the best flight."""
+        path = np.hypot(*(self.path - best.path).T).max()
+        temperature = np.abs(self.temperature - best.temperature).max()
+        return Row(knob, setting, path, temperature, abs(self.strain / best.strain - 1.0), self.seconds)
+
+
+def changed(scene: Scene, rings: int, **flight: Any) -> Scene:
+    """The scene on another mesh, with other settings of the flight."""
+    settings = {"duration_s": DURATION, "snapshot_every_s": DURATION, "series_every": 4, **flight}
+    return scene.model_copy(update={
+        "sail": scene.sail.model_copy(update={"rings": rings}), "flight": scene.flight.model_copy(update=settings),
+    })
+
+
+def flown(scene: Scene, tables: Tables) -> Run:
+    """Fly; InputError where the flight ends before its time."""
+    with tempfile.TemporaryDirectory() as folder:
+        flight = Flight(scene, tables, Path(folder))
+        begin = time.process_time()
+        end = flight.fly()
+        seconds = time.process_time() - begin
+        series = {name: np.array(values) for name, (values, _) in flight.columns().items()}
+    if end.reason != "finished":
+        raise InputError(f"{scene.name}: ended by {end.reason} at {end.time:.4g} s; nothing to compare")
+    path = [np.interp(TIMES, series["time"], series["position"][:, i]) for i in (0, 1)]
+    temperature = np.interp(TIMES, series["time"], series["temperature_max"])
+    strain = series["strain_max"][series["time"] >= 0].max()
+    return Run(np.stack(path, axis=1), temperature, float(strain), seconds / DURATION)
+
+
+def settings(step: float) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Knob, setting and what they change of the flight, but for rings and tables; `step`: the default one in s."""
+    for share in STEPS:
+        yield "time step", f"{0.8 * share:.2g} of the bound", {"time_step_s": share * step}
+    for scheme in SCHEMES:
+        yield "scheme", scheme, {"integrator": scheme}
+    for every in INTERVALS:
+        yield "optics every", f"{every} steps", {"optics_every": every}
+    for every in INTERVALS:
+        yield "heat every", f"{every} steps", {"heat_every": every}
+    for stiffness in ELASTICITY:
+        yield "elasticity", stiffness, {"stiffness": stiffness}
+
+
+def rows(scene: Scene, sets: dict[str, Tables]) -> Iterator[Row]:
+    """Every knob at every setting."""
+    tables = next(iter(sets.values()))
+    flown(changed(scene, 2), tables)  # compiles
+    finest = flown(changed(scene, FINEST), tables)
+    for rings in progress(MESHES, "rings"):
+        yield flown(changed(scene, rings), tables).row("rings", str(rings), finest)
+    yield finest.row("rings", f"{FINEST}", finest)
+    step = build(changed(scene, RINGS), tables).model.dt
+    best = flown(changed(scene, RINGS, time_step_s=FINE * step, optics_every=1, heat_every=1), tables)
+    for knob, setting, changes in progress(list(settings(step)), "knobs"):
+        yield flown(changed(scene, RINGS, **changes), tables).row(knob, setting, best)
+    default = flown(changed(scene, RINGS), tables)
+    for name, other in list(sets.items())[1:]:
+        yield flown(changed(scene, RINGS), other).row("tables", name, default)
+
+
+def write(path: Path, found: list[Row]) -> None:
+    """Write rows as CSV, atomically."""
+    with atomic(path) as temporary, Path(temporary).open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(Row._fields)
+        table.writerows([*row[:2], *(f"{x:.4e}" for x in row[2:])] for row in found)
+
+
+def markdown(path: Path, found: list[Row]) -> None:
+    """Write rows as a table for the README."""
+    head = "| knob | setting | path, mm | peak temperature, K | largest strain, % | CPU s per s |"
+    lines = [head, "|" + "---|" * 6]
+    for row in found:
+        errors = (row.error_path_m * 1e3, row.error_temperature_K, row.error_strain * 100)
+        cells = ["–" if x == 0.0 else f"{x:.2g}" for x in errors]
+        lines.append(f"| {row.knob} | {row.setting} | {' | '.join(cells)} | {row.seconds:.3g} |")
+    with atomic(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def draw(path: Path, found: list[Row], title: str) -> None:
+    """Each kind of error against time, a mark a knob."""
+    figure, every = plt.subplots(1, 3, figsize=(15, 5), constrained_layout=True)
+    names = ("error_path_m", "error_temperature_K", "error_strain")
+    labels = ("error across the beam (m)", "error of the peak temperature (K)", "relative error of the largest strain")
+    for axes, name, label in zip(every, names, labels, strict=True):
+        for knob, mark in zip(dict.fromkeys(row.knob for row in found), "os^vDPX", strict=False):
+            chosen = [row for row in found if row.knob == knob and getattr(row, name) > 0]
+            axes.loglog([row.seconds for row in chosen], [getattr(row, name) for row in chosen], mark, label=knob)
+            for row in chosen:
+                axes.annotate(row.setting, (row.seconds, getattr(row, name)), fontsize=6, rotation=20)
+        axes.set(xlabel="CPU time of one second of flight (s)", ylabel=label)
+    every[0].legend()
+    figure.suptitle(f"{title}, first {DURATION:g} s; {RINGS} rings but for the rings' own row")
+    with atomic(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=150)
+    plt.close(figure)
+
+
+def _set(text: str, scene: Scene) -> tuple[str, Tables]:
+    """'NAME=FILE,FILE' as (name, tables)."""
+    name, separator, files = text.partition("=")
+    if not separator:
+        raise InputError(f"--tables {text}: must be NAME=FILE,FILE…")
+    return name, load_tables(files.split(","), scene)
+
+
+def main() -> None:
+    """Measure, write and draw."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scene", required=True, type=Path)
+    parser.add_argument("--tables", required=True, nargs="+", help="NAME=FILE,FILE… of each source, the best first")
+    parser.add_argument("--out", required=True, type=Path, help="CSV to write")
+    parser.add_argument("--markdown", required=True, type=Path, help="table to write")
+    parser.add_argument("--png", required=True, type=Path, help="figure to write")
+    arguments = parser.parse_args()
+    scene = read_scene(arguments.scene)
+    found = list(rows(scene, dict(_set(text, scene) for text in arguments.tables)))
+    write(arguments.out, found)
+    markdown(arguments.markdown, found)
+    draw(arguments.png, found, scene.name)
+
+
+if __name__ == "__main__":
+    run_stage(main)
