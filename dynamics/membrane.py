@@ -30,9 +30,10 @@ from dynamics.kernels.step import State, Work, run
 from dynamics.lattice import Floats
 from dynamics.mesh import sail_mesh
 from dynamics.mesh_checks import check_shadow
-from dynamics.model import Membrane, build, initial_state, work_space
+from dynamics.model import Membrane, build
 from dynamics.sail import check_release, load_tables, provenance, require_own_polarisation
 from dynamics.scene import Scene, plan, read_scene
+from dynamics.work_space import initial_state, work_space
 from optics.compiled import digest
 from optics.files import Stopwatch, progress, run_stage, write_json
 from optics.table import PressureTable

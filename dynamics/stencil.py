@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,8 @@ def layout(mesh: Mesh, outline: str, rings: int) -> Stencil:
     slots = (3 * which.reshape(-1, 1) + (np.arange(3) - first) % 3) * size + corners[:, :1]
     none = np.empty((0, 0))
     return Stencil(
-        place=_unsigned(place), shifts=shifts, sides=sides, slots=_unsigned(slots.T.ravel()),
+        place=_unsigned(place), shifts=shifts, sides=sides, corners=shapes[:, 1:].copy(),
+        turns=_unsigned(first.ravel()), slots=_unsigned(slots.T.ravel()),
         cells=_unsigned(which.ravel() * size + corners[:, 0]),
         edges=_unsigned(family.ravel() * size + np.minimum(a, b)), size=size, begin=margin, end=size - margin,
         stiffness=none, stretch=none, cotangent=np.empty((0, 0, 0)), poisson=none,
@@ -64,14 +66,16 @@ def with_elements(stencil: Stencil, springs: Springs, sheet: Sheet) -> Stencil:
     )
 
 
-def stencil_work(stencil: Stencil, springs: Springs, sheet: Sheet) -> StencilWork:
+def stencil_work(stencil: Stencil, springs: Springs, sheet: Sheet, lit: bool) -> StencilWork:
     """Work space, with all elements as they are at rest."""
     k, f, p = stencil.shifts.size, len(stencil.sides), stencil.size
     limit = sheet.limit if sheet.limit.size else np.full(sheet.modulus.size, np.inf)
     lengths = springs.rest[: springs.stiffness.size]
+    light = (f, 3, p) if lit else (0, 0, 0)
     return StencilWork(
         x=np.stack([np.arange(p), np.zeros(p), np.full(p, FAR)]), squares=np.zeros((k, p)), tension=np.zeros((k, p)),
         force=np.zeros((3, p)), lengths=_fill(stencil.edges, lengths, (k, p), 1.0),
         free=_fill(stencil.slots, sheet.rest, (f, 3, p)), modulus=_fill(stencil.cells, sheet.modulus, (f, p)),
-        limit=_fill(stencil.cells, limit, (f, p), np.inf),
+        limit=_fill(stencil.cells, limit, (f, p), np.inf), held=np.zeros(light), push=np.zeros(light),
+        row=np.zeros(math.isqrt(stencil.end - stencil.begin) if lit else 0),
     )

@@ -52,9 +52,12 @@ def _tighten(tau: Floats, sheet: Sheet, modulus: Floats, shear: Floats, rate: Fl
 @numba.njit(cache=True, error_model="numpy")
 def resist(
     tau: Floats, sheet: Sheet, elastic: SheetWork, springs: Springs, work: DampingWork, x: Floats, v: Floats,
-    force: Floats,
+    per_mass: Floats, acceleration: Floats,
 ) -> None:
-    """Add to force (3, n) in N what triangles of retardation time tau (t,) in s resist the motion v (3, n) with."""
+    """Add to acceleration (3, n), per_mass (n,) in 1/kg, what triangles resist the motion v (3, n) with.
+
+    tau (t,): their retardation time in s.
+    """
     separations(x, springs.start, springs.end, work.pull)
     _rates(springs, v, work.pull, work.rate)
     _tighten(tau, sheet, elastic.modulus, elastic.shear, work.rate, work.tension)
@@ -66,5 +69,5 @@ def resist(
         negate(work.pull[c], size)
     collect(work.pull, springs.slots, work.force)
     for c in range(3):
-        for i in range(force.shape[1]):
-            force[c, i] += work.force[c, i]
+        for i in range(per_mass.size):
+            acceleration[c, i] += work.force[c, i] * per_mass[i]

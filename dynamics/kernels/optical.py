@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from dynamics.kernels.beam import LIGHT_SPEED, intensity
 from dynamics.kernels.elastic import Floats, Indices
-from dynamics.kernels.triangles import total
 from optics.table import TableArrays, lookup_many
 
 Integers = NDArray[np.int64]
@@ -252,7 +251,7 @@ def refresh(light: Light, work: LightWork, x: Floats, sides: Floats) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def turn(work: LightWork, e: Floats, gain: float) -> None:
-    """Write a third of the held force at ramp `gain`, turned with sides e (6, t), to work.force; its sum to total."""
+    """Write a third of the held force at ramp `gain`, turned with sides e (6, t), to work.force."""
     held, force = work.held, work.force
     a0, a1, a2, b0, b1, b2 = e[0], e[1], e[2], e[3], e[4], e[5]
     h0, h1, h2 = held[0], held[1], held[2]
@@ -263,5 +262,3 @@ def turn(work: LightWork, e: Floats, gain: float) -> None:
         f0[i] = p * a0[i] + q * b0[i] + s * (a1[i] * b2[i] - a2[i] * b1[i])
         f1[i] = p * a1[i] + q * b1[i] + s * (a2[i] * b0[i] - a0[i] * b2[i])
         f2[i] = p * a2[i] + q * b2[i] + s * (a0[i] * b1[i] - a1[i] * b0[i])
-    for c in range(3):
-        work.total[c] = 3.0 * total(force[c], a0.size)

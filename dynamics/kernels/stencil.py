@@ -1,4 +1,4 @@
-"""Elasticity on rows: with the nodes of a ring mesh at the points of a lattice, neighbours lie at constant distances.
+"""Forces on rows: with the nodes of a ring mesh at the points of a lattice, neighbours lie at constant distances.
 
 Rings of six or four sides are a piece of a lattice. Laid out row by row, all edges of one direction join places that
 are a constant `shift` apart, and all triangles of one orientation have their corners at constant shifts: a `family`.
@@ -21,9 +21,10 @@ class Stencil(NamedTuple):
     """Layout on `size` places p, of which `begin` to `end` may be alive, and elements; what is off is empty.
 
     place (n,): of each node. shifts (k,): an edge of family j joins places i and i + shifts[j]. sides (f, 3, 2): for
-    the sides 01, 12, 20 of a triangle at place i the family of the edge, and how far behind i that edge lies. slots
-    (3t,): where the sides 01, then 12, then 20 of the mesh's triangles lie in (f, 3, p); cells (t,): where the
-    triangles lie in (f, p). edges (e,): where the edges lie in (k, p).
+    the sides 01, 12, 20 of a triangle at place i the family of the edge, and how far behind i that edge lies. corners
+    (f, 2): how far behind i its second and third corner lie; turns (t,): which corner of a triangle of the mesh is its
+    first one here. slots (3t,): where the sides 01, then 12, then 20 of the mesh's triangles lie in (f, 3, p). cells
+    (t,): where its triangles lie in (f, p). edges (e,): where its edges lie in (k, p).
     Springs: stiffness (k, p) in N/m, stretch (k, p): ℓ/L at which an edge tears. Triangles, as in `Sheet`: cotangent
     (f, 3, p), poisson (f, p).
     """
@@ -31,6 +32,8 @@ class Stencil(NamedTuple):
     place: Indices
     shifts: Integers
     sides: Integers
+    corners: Integers
+    turns: Indices
     slots: Indices
     cells: Indices
     edges: Indices
@@ -58,6 +61,9 @@ class StencilWork(NamedTuple):
     free: Floats
     modulus: Floats
     limit: Floats
+    held: Floats
+    push: Floats
+    row: Floats
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -81,15 +87,16 @@ def _lay(place: Indices, x: Floats, out: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _pick(place: Indices, x: Floats, out: Floats) -> None:
-    """Write out (3, n) = x (3, p) at the places of the nodes."""
-    x0, x1, x2 = x[0], x[1], x[2]
+def accelerations(stencil: Stencil, work: StencilWork, per_mass: Floats, out: Floats) -> None:
+    """Accelerations out (3, n) in m/s² of nodes of 1/mass per_mass (n,) in 1/kg."""
+    x0, x1, x2 = work.force[0], work.force[1], work.force[2]
     y0, y1, y2 = out[0], out[1], out[2]
+    place = stencil.place
     for i in range(place.size):
         k = place[i]
-        y0[i] = x0[k]
-        y1[i] = x1[k]
-        y2[i] = x2[k]
+        y0[i] = x0[k] * per_mass[i]
+        y1[i] = x1[k] * per_mass[i]
+        y2[i] = x2[k] * per_mass[i]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -184,8 +191,8 @@ def _add_pull(x: Floats, tension: Floats, shift: int, begin: int, end: int, forc
 
 
 @numba.njit(cache=True, error_model="numpy")
-def forces(stencil: Stencil, work: StencilWork, x: Floats, force: Floats) -> int:
-    """Elastic forces (3, n) in N on nodes x (3, n); how many elements failed or are not finite."""
+def pull(stencil: Stencil, work: StencilWork, x: Floats) -> int:
+    """Elastic forces on nodes x (3, n) to work.force; how many elements failed or are not finite."""
     begin, end, shifts = stencil.begin, stencil.end, stencil.shifts
     _lay(stencil.place, x, work.x)
     for j in range(shifts.size):
@@ -203,5 +210,74 @@ def forces(stencil: Stencil, work: StencilWork, x: Floats, force: Floats) -> int
         _pull_three(work.x[c], work.tension, shifts, begin, end, work.force[c])
         for j in range(3, shifts.size):
             _add_pull(work.x[c], work.tension[j], shifts[j], begin, end, work.force[c])
-    _pick(stencil.place, work.force, force)
     return bad
+
+
+@numba.njit(cache=True, error_model="numpy")
+def hold(stencil: Stencil, held: Floats, out: Floats) -> None:
+    """Held coefficients (3, t) to their places in out (f, 3, p), along the sides from the first corner here."""
+    h0, h1, h2 = held[0], held[1], held[2]
+    flat, size = out.reshape(-1), stencil.size
+    for i in range(stencil.cells.size):
+        # Place i of family f is (f, 0, i) of out
+        k = stencil.cells[i] + 2 * size * (stencil.cells[i] // size)
+        turn, a, b = stencil.turns[i], h0[i], h1[i]
+        flat[k] = a if turn == 0 else (b if turn == 1 else -a - b)
+        flat[k + size] = b if turn == 0 else (-a - b if turn == 1 else a)
+        flat[k + 2 * size] = h2[i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _turn(x: Floats, held: Floats, second: int, third: int, share: float, begin: int, end: int, push: Floats) -> None:
+    """A share of the held force c₁ e₁ + c₂ e₂ + c₃ e₁ × e₂ of a family of triangles, as its sides lie now."""
+    x0, x1, x2 = x[0, begin:end], x[1, begin:end], x[2, begin:end]
+    p, q = begin + second, end + second
+    y0, y1, y2 = x[0, p:q], x[1, p:q], x[2, p:q]
+    p, q = begin + third, end + third
+    z0, z1, z2 = x[0, p:q], x[1, p:q], x[2, p:q]
+    h0, h1, h2 = held[0, begin:end], held[1, begin:end], held[2, begin:end]
+    f0, f1, f2 = push[0, begin:end], push[1, begin:end], push[2, begin:end]
+    for i in range(f0.size):
+        a0, a1, a2 = y0[i] - x0[i], y1[i] - x1[i], y2[i] - x2[i]
+        b0, b1, b2 = z0[i] - x0[i], z1[i] - x1[i], z2[i] - x2[i]
+        g0, g1, g2 = share * h0[i], share * h1[i], share * h2[i]
+        f0[i] = g0 * a0 + g1 * b0 + g2 * (a1 * b2 - a2 * b1)
+        f1[i] = g0 * a1 + g1 * b1 + g2 * (a2 * b0 - a0 * b2)
+        f2[i] = g0 * a2 + g1 * b2 + g2 * (a0 * b1 - a1 * b0)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _add_push(push: Floats, second: int, third: int, begin: int, end: int, force: Floats) -> None:
+    """Add one component (p,) of the push of a family of triangles to their three corners."""
+    a, b, c = push[begin:end], push[begin - second : end - second], push[begin - third : end - third]
+    out = force[begin:end]
+    for i in range(out.size):
+        out[i] += a[i] + b[i] + c[i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _add_row(push: Floats, row: Floats) -> None:
+    """Add to a row (w,), place by place, all rows of a component of the push: no addition waits for the one before."""
+    for start in range(0, push.size - row.size + 1, row.size):
+        line = push[start : start + row.size]
+        for j in range(row.size):
+            row[j] += line[j]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def push(stencil: Stencil, work: StencilWork, gain: float, total: Floats) -> None:
+    """Add the held force of the light at ramp `gain` to work.force, and write its sum (3,) in N."""
+    begin, end = stencil.begin, stencil.end
+    for f in range(stencil.corners.shape[0]):
+        second, third = stencil.corners[f, 0], stencil.corners[f, 1]
+        _turn(work.x, work.held[f], second, third, gain / 3.0, begin, end, work.push[f])
+        for c in range(3):
+            _add_push(work.push[f, c], second, third, begin, end, work.force[c])
+    for c in range(3):
+        for j in range(work.row.size):
+            work.row[j] = 0.0
+        for f in range(stencil.corners.shape[0]):
+            _add_row(work.push[f, c, begin:end], work.row)
+        total[c] = 0.0
+        for j in range(work.row.size):
+            total[c] += 3.0 * work.row[j]

@@ -31,6 +31,7 @@ from dynamics.kernels import (
 from dynamics.kernels.beam import ramp
 from dynamics.kernels.damping import DampingWork
 from dynamics.kernels.elastic import Floats, Springs
+from dynamics.kernels.integrators import RK4, VERLET, Stage, State, accumulate, advance, advance_heat
 from dynamics.kernels.optical import Light, LightWork
 from dynamics.kernels.properties import Curves
 from dynamics.kernels.reflections import Mirror, MirrorWork
@@ -40,8 +41,6 @@ from dynamics.kernels.stencil import Stencil, StencilWork
 from dynamics.kernels.tearing import Broken
 from dynamics.kernels.thermal import Heat, HeatWork
 from dynamics.kernels.triangles import Triangles
-
-SEMI_IMPLICIT_EULER, VERLET, RK4 = range(3)
 
 
 class Model(NamedTuple):
@@ -78,15 +77,6 @@ class Model(NamedTuple):
     most_broken: int
 
 
-class State(NamedTuple):
-    """x, v (3, n) in m and m/s; temperature (n,) in K, empty where heat is off; impulse (3,) of the light in N s."""
-
-    x: Floats
-    v: Floats
-    temperature: Floats
-    impulse: Floats
-
-
 class Work(NamedTuple):
     """Work space: free lengths (e,) in m, pull (3, 2e + 1), acceleration (3, n), sides (6, t), and that of the effects.
 
@@ -110,45 +100,11 @@ class Work(NamedTuple):
     stage: Stage
 
 
-class Stage(NamedTuple):
-    """Work space of rk4: positions and velocities of a stage, and their weighted sums (3, n); temperatures alike."""
-
-    x: Floats
-    v: Floats
-    sum_x: Floats
-    sum_v: Floats
-    temperature: Floats
-    sum_rate: Floats
-
-
-@numba.njit(cache=True, error_model="numpy")
-def axpy(y: Floats, factor: float, slope: Floats, out: Floats) -> None:
-    """Write y + factor · slope into out, for contiguous arrays of one shape."""
-    a, b, c = y.reshape(-1), slope.reshape(-1), out.reshape(-1)
-    for i in range(a.size):
-        c[i] = a[i] + factor * b[i]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def copy(source: Floats, out: Floats) -> None:
-    """Copy contiguous arrays of one shape; a plain loop compiles in a tenth of the time of a slice assignment."""
-    a, b = source.reshape(-1), out.reshape(-1)
-    for i in range(a.size):
-        b[i] = a[i]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def accumulate(out: Floats, factor: float, slope: Floats) -> None:
-    """Add factor · slope to out, contiguous arrays of one shape."""
-    a, b = out.reshape(-1), slope.reshape(-1)
-    for i in range(a.size):
-        a[i] += factor * b[i]
-
-
 @numba.njit(cache=True, error_model="numpy")
 def _light_up(model: Model, work: Work, x: Floats, temperature: Floats) -> int:
-    """Add the light's forces to the acceleration, with new coefficients if flags[0] is 0; INTACT or LEFT_TABLE."""
+    """Add the light's forces, with new coefficients if flags[0] is 0; INTACT or LEFT_TABLE."""
     if work.flags[0] == 0:
+        triangles.sides(x, model.triangles.corners, work.sides)
         properties.absorb(model.curves.absorption, model.light.corners, temperature, work.light.absorptance)
         optical.refresh(model.light, work.light, x, work.sides)
         if work.light.outside[2] > 0 or (work.light.outside[0] > 0 and not model.light.clamp):
@@ -160,9 +116,9 @@ def _light_up(model: Model, work: Work, x: Floats, temperature: Floats) -> int:
             reflections.bounce(
                 model.mirror, work.mirror, model.light, work.light, x, work.sides, work.broken.gone
             )
+        stencil.hold(model.stencil, work.light.held, work.stencil.held)
         work.flags[0] = 1
-    optical.turn(work.light, work.sides, work.gain[0])
-    triangles.add_vectors(model.triangles.slots, work.light.force, work.acceleration)
+    stencil.push(model.stencil, work.stencil, work.gain[0], work.light.total)
     return failure.INTACT
 
 
@@ -191,15 +147,17 @@ def _warm_up(model: Model, work: Work, x: Floats, temperature: Floats, t: float)
 
 @numba.njit(cache=True, error_model="numpy")
 def _lay_out(model: Model, work: Work) -> None:
-    """Triangles as they are now, free lengths apart, to the stencil: after some have failed."""
+    """To the stencil what changes as triangles fail: what they carry, and the light on them."""
     stencil.spread(work.sheet.modulus, model.stencil.cells, work.stencil.modulus)
     stencil.spread(work.sheet.limit, model.stencil.cells, work.stencil.limit)
+    if model.lit:
+        stencil.hold(model.stencil, work.light.held, work.stencil.held)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _pull(model: Model, work: Work, x: Floats, t: float) -> int:
-    """Elastic forces into work.acceleration; INTACT, TENSILE or NON_FINITE."""
-    if stencil.forces(model.stencil, work.stencil, x, work.acceleration) == 0:
+    """Elastic forces into work.stencil; INTACT, TENSILE or NON_FINITE."""
+    if stencil.pull(model.stencil, work.stencil, x) == 0:
         return failure.INTACT
     if model.sheet.modulus.size == 0:
         code, work.flags[1] = failure.first_torn(model.springs, x, work.free)
@@ -211,7 +169,7 @@ def _pull(model: Model, work: Work, x: Floats, t: float) -> int:
         work.broken, model.sheet, work.sheet, work.heat, work.light, model.springs, x, work.pull, t
     )
     _lay_out(model, work)
-    stencil.forces(model.stencil, work.stencil, x, work.acceleration)
+    stencil.pull(model.stencil, work.stencil, x)
     return code
 
 
@@ -231,25 +189,22 @@ def evaluate(
     code = _pull(model, work, x, t)
     if code != failure.INTACT:
         return code
-    if model.retardation.size > 0:
-        damping.resist(
-            model.retardation, model.sheet, work.sheet, model.springs, work.damping, x, v, work.acceleration
-        )
     gain = ramp(t, model.light.delay, model.light.rise, model.light.on) if model.lit else 0.0
     work.gain[0] = gain
     if renew or gain == 0.0:
         work.flags[0] = 0
-    if gain > 0.0 or heating:
-        triangles.sides(x, model.triangles.corners, work.sides)
     if gain > 0.0:
         code = _light_up(model, work, x, temperature)
         if code != failure.INTACT:
             return code
-    for c in range(3):
-        a = work.acceleration[c]
-        for i in range(a.size):
-            a[i] *= model.per_mass[i]
+    stencil.accelerations(model.stencil, work.stencil, model.per_mass, work.acceleration)
+    if model.retardation.size > 0:
+        damping.resist(
+            model.retardation, model.sheet, work.sheet, model.springs, work.damping, x, v, model.per_mass,
+            work.acceleration
+        )
     if heating:
+        triangles.sides(x, model.triangles.corners, work.sides)
         properties.update(
             model.curves, model.triangles.corners, temperature, work.broken.gone, work.heat.emission,
             work.heat.conductance, work.heat.per_capacity,
@@ -259,82 +214,6 @@ def evaluate(
             gain,
         )
     return failure.INTACT
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _euler(dt: float, acceleration: Floats, state: State) -> None:
-    """Semi-implicit Euler: v += a Δt, then x += v Δt with the new v (Hairer, Lubich & Wanner, §I.1.2)."""
-    accumulate(state.v, dt, acceleration)
-    accumulate(state.x, dt, state.v)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _kick_and_drift(dt: float, acceleration: Floats, state: State) -> None:
-    """Velocity Verlet but for its second half kick (Hairer, Lubich & Wanner, §I.1.4)."""
-    accumulate(state.v, 0.5 * dt, acceleration)
-    accumulate(state.x, dt, state.v)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _rk4(dt: float, acceleration: Floats, state: State, s: Stage, k: int) -> None:
-    """Classical Runge–Kutta of order 4: add slope k = 0 … 3, go to the next stage, after the last to the new state.
-
-    The light is held over the stages in the frame of the triangles.
-    """
-    if k == 0:
-        copy(state.x, s.sum_x)
-        copy(state.v, s.sum_v)
-        copy(state.v, s.v)
-    weight = dt / 6.0 if k in (0, 3) else dt / 3.0
-    accumulate(s.sum_x, weight, s.v)
-    accumulate(s.sum_v, weight, acceleration)
-    if k == 3:
-        copy(s.sum_x, state.x)
-        copy(s.sum_v, state.v)
-        return
-    step = dt if k == 2 else 0.5 * dt
-    axpy(state.x, step, s.v, s.x)
-    axpy(state.v, step, acceleration, s.v)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _rk4_heat(dt: float, rate: Floats, state: State, s: Stage, k: int) -> None:
-    """The same for the temperatures."""
-    if k == 0:
-        copy(state.temperature, s.sum_rate)
-    accumulate(s.sum_rate, dt / 6.0 if k in (0, 3) else dt / 3.0, rate)
-    if k == 3:
-        copy(s.sum_rate, state.temperature)
-        return
-    axpy(state.temperature, dt if k == 2 else 0.5 * dt, rate, s.temperature)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _advance(integrator: int, dt: float, acceleration: Floats, state: State, stage: Stage, k: int) -> float:
-    """Go to the place of evaluation k of a step. Returns the time in s over which the present forces act."""
-    if integrator == RK4:
-        _rk4(dt, acceleration, state, stage, k)
-        return dt / 6.0 if k in (0, 3) else dt / 3.0
-    if integrator == VERLET:
-        _kick_and_drift(dt, acceleration, state)
-        return 0.5 * dt
-    _euler(dt, acceleration, state)
-    return dt
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _advance_heat(
-    integrator: int, dt: float, every: int, rate: Floats, state: State, stage: Stage, n: int, k: int
-) -> tuple[bool, bool]:
-    """The same for the temperatures. Returns whether they have changed, and whether their rate is due."""
-    if integrator == RK4 and every == 1:
-        _rk4_heat(dt, rate, state, stage, k)
-        return True, True
-    last = integrator != RK4 or k == 3
-    warmed = last and n % every == 0
-    if warmed:
-        accumulate(state.temperature, dt * every, rate)
-    return warmed, last and (n + 1) % every == 0
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -357,10 +236,10 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool) -> int:
         last = k == evaluations - 1
         warmed, heating = model.warm, model.warm
         if not fresh:
-            acts = _advance(integrator, dt, work.acceleration, state, work.stage, k)
+            acts = advance(integrator, dt, work.acceleration, state, work.stage, k)
             _add_impulse(work.gain[0], work.light.total, acts, state.impulse)
             if model.warm:
-                warmed, heating = _advance_heat(
+                warmed, heating = advance_heat(
                     integrator, dt, model.heat.every, work.heat.rate, state, work.stage, n, k
                 )
         x = state.x if last else work.stage.x
@@ -394,6 +273,8 @@ def write_row(model: Model, state: State, work: Work, n: int, row: Floats) -> in
         record.warmth(model.triangles, state.temperature, row)
         row[34] = thermal.radiated(work.heat.emitting, model.triangles.slots, state.temperature, model.heat.background)
     if work.gain[0] > 0.0:
+        triangles.sides(state.x, model.triangles.corners, work.sides)
+        optical.turn(work.light, work.sides, work.gain[0])
         record.illumination(model.light, work.light, state.x, work.gain[0], row)
         row[45] = work.gain[0] * work.mirror.account[reflections.LEAVES]
     for c in range(3):

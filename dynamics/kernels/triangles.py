@@ -47,23 +47,6 @@ def weighted_areas(e: Floats, weight: Floats, out: Floats) -> None:
         out[i] = weight[i] * 0.5 * math.sqrt(c0 * c0 + c1 * c1 + c2 * c2)
 
 
-@numba.njit(cache=True, error_model="numpy")
-def add_vectors(slots: Indices, source: Floats, out: Floats) -> None:
-    """Add to out (3, n) the columns of source (3, t + 1) listed in slots (d, n)."""
-    p0, p1, p2 = source[0], source[1], source[2]
-    f0, f1, f2 = out[0], out[1], out[2]
-    for i in range(slots.shape[1]):
-        s0, s1, s2 = 0.0, 0.0, 0.0
-        for j in range(slots.shape[0]):
-            k = slots[j, i]
-            s0 += p0[k]
-            s1 += p1[k]
-            s2 += p2[k]
-        f0[i] += s0
-        f1[i] += s1
-        f2[i] += s2
-
-
 @numba.njit(cache=True, inline="always")
 def node_sum(slots: Indices, source: Floats, node: int) -> float:
     """Sum of the entries of source (·,) listed in slots (d, n) for one node."""

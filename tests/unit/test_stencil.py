@@ -29,7 +29,8 @@ def both(flight: Flight, x: np.ndarray) -> tuple[np.ndarray, int, np.ndarray, in
     """Forces (3, n) in N on nodes x (3, n) and number of failures, by the stencil and by lists."""
     m, w = flight.model, flight.work
     fast, slow = np.empty_like(x), np.empty_like(x)
-    count = stencil.forces(m.stencil, w.stencil, x, fast)
+    count = stencil.pull(m.stencil, w.stencil, x)
+    stencil.accelerations(m.stencil, w.stencil, np.ones(x.shape[1]), fast)
     if flight.membrane.elastic_triangles:
         found = sheet.forces(m.sheet, w.sheet, m.springs, x, w.pull, slow)
     else:

@@ -1,0 +1,75 @@
+"""State at the start of a flight, and the work arrays of its kernels. An effect that is off gets no arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynamics.kernels import damping, integrators, optical, reflections, sheet, step, tearing, thermal
+from dynamics.mesh import Floats
+from dynamics.model import Membrane
+from dynamics.stencil import stencil_work
+
+
+def initial_state(membrane: Membrane) -> integrators.State:
+    """At rest, centred, at the start temperature."""
+    x = membrane.model.rest.copy()
+    start = np.full(x.shape[1], membrane.scene.flight.start_temperature_K)
+    return integrators.State(x, np.zeros_like(x), start if membrane.model.warm else start[:0], np.zeros(3))
+
+
+def _light_work(absorptance: Floats) -> optical.LightWork:
+    """Work space for triangles of an absorptance (t,), which is empty where there is no light."""
+    t = absorptance.size
+    return optical.LightWork(
+        frame=np.zeros((10, t)), q=np.zeros((t, 4)), held=np.zeros((3, t)), force=np.zeros((3, t + 1)),
+        incident=np.zeros(t + 1), absorbed=np.zeros(t + 1), outside=np.zeros(3, np.int64), direction=np.zeros(2),
+        total=np.zeros(3), absorptance=absorptance.copy(),
+    )
+
+
+def _mirror_work(mirror: reflections.Mirror) -> reflections.MirrorWork:
+    """Work space for tracing rays; next to nothing where that is off."""
+    t, leaves = mirror.kind.size, mirror.tree.bounds.size - 1
+    return reflections.MirrorWork(
+        boxes=np.zeros((2 * leaves - 1 if t else 0, 6)), force=np.zeros((3, t)), heat=np.zeros(t),
+        stack=np.zeros(64 if t else 0, np.int64), ray=np.zeros((3, 3)), account=np.zeros(8),
+    )
+
+
+def _broken(on_failure: str, size: int) -> tearing.Broken:
+    """Nothing failed yet, of `size` triangles."""
+    failed, gone = (size if on_failure != "stop" else 0), (size if on_failure == "remove" else 0)
+    return tearing.Broken(
+        np.zeros(failed, np.int64), np.zeros(gone, np.int64), np.zeros(4, np.int64), np.zeros(4)
+    )
+
+
+def work_space(model: step.Model, on_failure: str = "stop") -> step.Work:
+    """Work arrays for a model; those of effects that are off, and of rk4 where it is not used, are empty."""
+    n, m, t = model.masses.size, model.springs.start.size, model.triangles.masses.size
+    stages = n if model.integrator == integrators.RK4 else 0
+    heat = thermal.HeatWork(
+        rate=np.zeros(n if model.warm else 0), emitting=np.zeros(t + 1 if model.heat.emission.size else 0),
+        flow=np.zeros(2 * m + 1 if model.heat.conductance.size else 0), emission=model.heat.emission.copy(),
+        conductance=model.heat.conductance.copy(), per_capacity=model.heat.per_capacity.copy(),
+    )
+    elements = model.sheet.modulus.size
+    elastic_sheet = sheet.SheetWork(
+        free=model.sheet.rest.copy(), squares=np.zeros(m if elements else 0), trace=np.zeros(elements),
+        tension=np.zeros(3 * elements + 1 if elements else 0), sum=np.zeros(elements),
+        modulus=model.sheet.modulus.copy(), shear=model.sheet.shear.copy(), limit=model.sheet.limit.copy(),
+    )
+    damped = model.retardation.size > 0
+    viscous = damping.DampingWork(
+        pull=np.zeros((3, 2 * m + 1 if damped else 0)), rate=np.zeros(m if damped else 0),
+        tension=np.zeros(3 * t + 1 if damped else 0), force=np.zeros((3, n if damped else 0)),
+    )
+    return step.Work(
+        free=model.springs.rest.copy(), sheet=elastic_sheet,
+        stencil=stencil_work(model.stencil, model.springs, model.sheet, model.lit), damping=viscous,
+        pull=np.zeros((3, 2 * m + 1)), acceleration=np.zeros((3, n)), sides=np.zeros((6, t)),
+        light=_light_work(model.light.absorptance),
+        mirror=_mirror_work(model.mirror), broken=_broken(on_failure, t), heat=heat,
+        flags=np.zeros(2, np.int64), gain=np.zeros(1),
+        stage=integrators.Stage(*np.zeros((4, 3, stages)), *np.zeros((2, stages if model.warm else 0))),
+    )

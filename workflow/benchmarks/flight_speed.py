@@ -1,0 +1,267 @@
+"""Speed of flexible flight: a step by element and effect, growth with rings, memory, and the roofline of this machine.
+
+The baselines run in the same process: a plain compiled loop over the edges, one over the nodes with padded lists of
+neighbours, and one pass after the other over lists. Times are CPU times of one thread, the best of several.
+
+    python workflow/benchmarks/flight_speed.py --out flight_speed [--rings 30] [--largest 200]
+
+writes flight_speed.csv and flight_speed.png (the roofline).
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numba
+import numpy as np
+
+from dynamics.journal import leaves
+from dynamics.kernels import elastic, sheet, stencil
+from dynamics.kernels.record import WIDTH
+from dynamics.kernels.step import run
+from dynamics.membrane import Flight
+from dynamics.scene import Scene, read_scene
+from optics.files import atomic
+from optics.table import PressureTable
+
+SCENES = Path(__file__).parents[1] / "scenes"
+#: Doubles moved to or from memory and operations for each place of the lattice in a step of the triangles: three
+#: families of edges measured, two of triangles strained, three components pulled, nodes laid out and picked, and
+#: three passes of the integrator.
+DOUBLES = 3 * 8 + 2 * 18 + 3 * 14 + 2 * 7 + 3 * 9
+FLOPS = 3 * 8 + 2 * 46 + 3 * 20 + 3 + 3 * 6
+
+
+def best(work: Callable[[], object], repeats: int = 200) -> float:
+    """CPU seconds of a piece of work, the best of several."""
+    work()
+    least = math.inf
+    for _ in range(repeats):
+        start = time.process_time()
+        work()
+        least = min(least, time.process_time() - start)
+    return least
+
+
+@numba.njit(cache=False, error_model="numpy")
+def over_edges(x: Any, start: Any, end: Any, k: Any, free: Any, force: Any) -> None:
+    """Springs as one writes them down first: one loop over the edges, that adds to both ends."""
+    force[:] = 0.0
+    for e in range(start.size):
+        a, b = start[e], end[e]
+        d0, d1, d2 = x[0, b] - x[0, a], x[1, b] - x[1, a], x[2, b] - x[2, a]
+        pull = k[e] * (1.0 - free[e] / math.sqrt(d0 * d0 + d1 * d1 + d2 * d2))
+        for c, d in ((0, d0), (1, d1), (2, d2)):
+            force[c, a] += pull * d
+            force[c, b] -= pull * d
+
+
+@numba.njit(cache=False, error_model="numpy")
+def over_nodes(x: Any, neighbours: Any, k: Any, free: Any, force: Any) -> None:
+    """Springs node by node, with padded lists (d, n) of neighbours: each spring is computed twice."""
+    x0, x1, x2, f0, f1, f2 = x[0], x[1], x[2], force[0], force[1], force[2]
+    for i in range(f0.size):
+        f0[i], f1[i], f2[i] = 0.0, 0.0, 0.0
+    for j in range(neighbours.shape[0]):
+        other, stiff, length = neighbours[j], k[j], free[j]
+        for i in range(f0.size):
+            d0, d1, d2 = x0[other[i]] - x0[i], x1[other[i]] - x1[i], x2[other[i]] - x2[i]
+            square = d0 * d0 + d1 * d1 + d2 * d2
+            pull = stiff[i] * (1.0 - length[i] / math.sqrt(square if square > 0.0 else 1.0))
+            f0[i] += pull * d0
+            f1[i] += pull * d1
+            f2[i] += pull * d2
+
+
+def padded(flight: Flight) -> tuple[Any, Any, Any]:
+    """Neighbours, stiffness and free length (d, n) of every node; a node is its own neighbour where it has none."""
+    springs, n = flight.model.springs, flight.model.masses.size
+    found: list[list[tuple[int, float, float]]] = [[] for _ in range(n)]
+    for a, b, k, rest in zip(*(v.tolist() for v in springs[:4]), strict=True):
+        found[a].append((b, k, rest))
+        found[b].append((a, k, rest))
+    depth = max(map(len, found))
+    table = np.array([row + [(i, 0.0, 1.0)] * (depth - len(row)) for i, row in enumerate(found)])
+    other, k, free = table.transpose(2, 1, 0)
+    return other.astype(np.uint32), np.ascontiguousarray(k), np.ascontiguousarray(free)
+
+
+def scene(base: Scene, rings: int, **groups: Any) -> Scene:
+    """A scene with other rings, that writes no rows, and parts replaced."""
+    data = base.model_dump()
+    flight = {"series_every": 10**9, "optics_every": 10**4, "heat_every": 10**4, **groups.pop("flight", {})}
+    for name, value in {"sail": {"rings": rings}, "flight": flight, **groups}.items():
+        data[name] = {**data[name], **value}
+    return Scene.model_validate(data)
+
+
+def dark(base: Scene, rings: int, **flight: Any) -> Scene:
+    """No light and no heat: elasticity alone."""
+    off = dict.fromkeys(("emission", "absorption", "conduction", "expansion", "thermal_failure"), False)
+    return scene(base, rings, flight=flight, beam={"intensity_W_m2": 0.0}, effects=off)
+
+
+def started(given: Scene, tables: dict[str, PressureTable]) -> Flight:
+    """A flight that has been lit for some steps."""
+    flight = Flight(given, tables, Path(tempfile.mkdtemp()))
+    flight.state.x[...] *= 1.0 + 1e-5
+    flight.step = flight.model.release + 16
+    steps(flight, 16, True)
+    return flight
+
+
+def steps(flight: Flight, count: int, fresh: bool = False) -> None:
+    """Fly so many steps; RuntimeError if the flight ends."""
+    rows = np.empty((count // flight.model.series_every + 3, WIDTH))
+    n = flight.step
+    code, flight.step, _ = run(flight.model, flight.state, flight.work, n, n + count, fresh, rows)
+    if code != 0:
+        raise RuntimeError(f"the flight ended at step {flight.step} with code {code}")
+
+
+def step_time(given: Scene, tables: dict[str, PressureTable], repeats: int = 40) -> float:
+    """CPU seconds a step."""
+    flight = started(given, tables)
+    count = 64 if flight.model.masses.size < 20_000 else 8
+    return best(lambda: steps(flight, count), repeats) / count
+
+
+def elements(base: Scene, rings: int) -> list[tuple[str, float]]:
+    """Seconds of all elastic forces, and of a whole elastic step, by several ways."""
+    net, film = (started(dark(base, rings, stiffness=kind), {}) for kind in ("van_gelder", "triangles"))
+    m, w, x = net.model, net.work, net.state.x
+    out, lists = np.empty_like(x), padded(net)
+    a = m.springs
+    found = [
+        ("springs, plain loop over edges", best(lambda: over_edges(x, a.start, a.end, a.stiffness, w.free, out))),
+        ("springs, padded lists of neighbours", best(lambda: over_nodes(x, *lists, out))),
+        ("springs, passes over lists", best(lambda: elastic.forces(a, x, w.free, w.pull, out))),
+        ("springs, stencil", best(lambda: stencil.pull(m.stencil, w.stencil, x))),
+    ]
+    p, q, y = film.model, film.work, film.state.x
+    return [
+        *found,
+        ("triangles, passes over lists", best(lambda: sheet.forces(p.sheet, q.sheet, p.springs, y, q.pull, out))),
+        ("triangles, stencil", best(lambda: stencil.pull(p.stencil, q.stencil, y))),
+        ("step of springs", best(lambda: steps(net, 64), 40) / 64),
+        ("step of triangles", best(lambda: steps(film, 64), 40) / 64),
+    ]
+
+
+def effects(base: Scene, rings: int, tables: dict[str, PressureTable]) -> list[tuple[str, float]]:
+    """Seconds a step with light and heat, at several intervals, and with each effect off."""
+    found = [
+        (f"optics every {k}, heat every {k}, rows every {rows}",
+         step_time(scene(base, rings, flight={"optics_every": k, "heat_every": k, "series_every": rows}), tables))
+        for k, rows in ((4, 8), (16, 64), (64, 64))
+    ]
+    every = {"optics_every": 16, "heat_every": 16, "series_every": 64}
+    for name in ("absorption", "emission", "conduction", "expansion", "tensile_failure", "thermal_failure"):
+        off = scene(base, rings, flight=every, effects={name: False})
+        found.append((f"16, 16, 64 without {name}", step_time(off, tables)))
+    return found
+
+
+def growth(base: Scene, largest: int) -> list[tuple[int, int, float, float]]:
+    """Rings, nodes, seconds an elastic step and bytes a node of all arrays of model, state and work."""
+    found = []
+    for rings in (r for r in (10, 30, 60, 100, 200) if r <= largest):
+        flight = started(dark(base, rings), {})
+        count = 64 if rings <= 30 else 4
+        seconds = best(lambda f=flight, k=count: steps(f, k), 20) / count  # type: ignore[misc]
+        arrays = [value for part in (flight.model, flight.state, flight.work) for _, value in leaves(part)]
+        n = flight.model.masses.size
+        held = sum(np.asarray(value).nbytes for value in arrays)
+        found.append((rings, n, seconds, held / n))
+    return found
+
+
+@numba.njit(cache=False, error_model="numpy")
+def triad(a: Any, b: Any, c: Any, times: int) -> None:
+    """c = a + 3 b: two doubles in, one out, two operations."""
+    for _ in range(times):
+        for i in range(a.size):
+            c[i] = a[i] + 3.0 * b[i]
+
+
+@numba.njit(cache=False, error_model="numpy")
+def polynomial(a: Any, times: int) -> None:
+    """64 operations for each number of a small array."""
+    for _ in range(times):
+        for i in range(a.size):
+            x = a[i]
+            y = x
+            for _ in range(32):
+                y = y * x + 0.5
+            a[i] = y * 1e-3
+
+
+def machine() -> dict[str, float]:
+    """Bytes a second from memory and from the second cache, operations a second."""
+    large, small = np.ones((3, 4_000_000)), np.ones((3, 20_000))
+    return {
+        "memory": 24 * large.shape[1] / best(lambda: triad(*large, 1), 20),
+        "cache": 24 * small.shape[1] * 20 / best(lambda: triad(*small, 20), 50),
+        "flops": 65 * 2048 * 20 / best(lambda: polynomial(np.full(2048, 0.3), 20), 50),
+    }
+
+
+def roofline(found: dict[str, float], sizes: list[tuple[int, int, float, float]], path: Path) -> None:
+    """The bounds of this machine, and elastic steps below them."""
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(6, 4), layout="constrained")
+    intensity = np.geomspace(0.02, 20, 200)
+    for name in ("memory", "cache"):
+        axes.loglog(intensity, np.minimum(found["flops"], found[name] * intensity) / 1e9, label=f"bound of {name}")
+    for rings, _, seconds, _ in sizes:
+        places = (2 * rings + 1) ** 2
+        axes.plot(FLOPS / (8 * DOUBLES), places * FLOPS / seconds / 1e9, "o", label=f"{rings} rings")
+    axes.set(xlabel="operations a byte", ylabel="10⁹ operations a second", title="Elastic step, one core")
+    axes.legend(fontsize="small")
+    with atomic(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=150)
+    pyplot.close(figure)
+
+
+def main() -> None:
+    """Print ratios; write CSV and PNG."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--tables", type=Path, nargs="*", default=[], help="pressure tables of fig6, for the effects")
+    parser.add_argument("--rings", type=int, default=30)
+    parser.add_argument("--largest", type=int, default=200)
+    given = parser.parse_args()
+    base = read_scene(SCENES / "fig6.yaml")
+    rows: list[tuple[str, float, str]] = []
+    tables = {table.name: table for table in map(PressureTable.read, given.tables)}
+    measured = elements(base, given.rings)
+    plain = measured[0][1]
+    for name, seconds in [*measured, *(effects(base, given.rings, tables) if tables else [])]:
+        rows.append((name, seconds * 1e6, "µs"))
+        print(f"{name:45s} {seconds * 1e6:8.1f} µs   {plain / seconds:5.2f} times the plain loop's speed", flush=True)
+    sizes = growth(base, given.largest)
+    for rings, n, seconds, held in sizes:
+        rows += [(f"{rings} rings, step", seconds * 1e6, "µs"), (f"{rings} rings, memory", held, "bytes a node")]
+        each = f"{seconds / n * 1e9:.2f} ns and {held:.0f} B each"
+        print(f"{rings:4d} rings {n:7d} nodes {seconds * 1e6:9.1f} µs, {each}", flush=True)
+    found = machine()
+    for name, value in found.items():
+        rows.append((name, value, "1/s"))
+        print(f"{name}: {value / 1e9:.1f} · 10⁹ {'operations' if name == 'flops' else 'bytes'} a second")
+    roofline(found, sizes, given.out.with_suffix(".png"))
+    with atomic(given.out.with_suffix(".csv")) as temporary, Path(temporary).open("w", newline="") as file:
+        csv.writer(file).writerows([("quantity", "value", "unit"), *rows])
+
+
+if __name__ == "__main__":
+    main()
