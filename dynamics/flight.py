@@ -7,6 +7,7 @@ one; of springs that of the longest of the three sides) and sector.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -144,12 +145,37 @@ class _Grid:
         steps["CellDataOffsets/sector"] = none
 
 
+def reserve(path: Path, size: int) -> None:
+    """OSError if the disk of an empty file has no room for `size` bytes.
+
+    HDF5 does not outlive a full disk: it ends the process where it closes the file (version 1.14).
+    """
+    try:
+        with open(path, "r+b") as stream:
+            os.posix_fallocate(stream.fileno(), 0, size)
+            stream.truncate(0)
+    except OSError as error:
+        raise OSError(error.errno, f"{error.strerror}: {size / 1e6:.3g} MB are needed", str(path.parent)) from None
+
+
 def write_flight(
     path: str | Path, mesh: Mesh, frames: Iterable[Frame], columns: Mapping[str, tuple[Floats, str]],
+    attributes: Mapping[str, Any], size: int = 0,
+) -> None:
+    """Write a flight atomically: snapshots, columns with their units, and attributes of /series (the end reason, …).
+
+    size: bytes of frames and columns. OSError if they, with a margin, do not fit on the disk.
+    """
+    with atomic(path) as temporary:
+        reserve(temporary, size + size // 8 + 100 * len(mesh.triangles) + 500_000)
+        _write_flight(temporary, mesh, frames, columns, attributes)
+
+
+def _write_flight(
+    path: Path, mesh: Mesh, frames: Iterable[Frame], columns: Mapping[str, tuple[Floats, str]],
     attributes: Mapping[str, Any],
 ) -> None:
-    """Write a flight atomically: snapshots, columns with their units, and attributes of /series (the end reason, …)."""
-    with atomic(path) as temporary, h5py.File(temporary, "w") as file:
+    with h5py.File(path, "w") as file:
         grid = _Grid(file, mesh, {"sector": mesh.sector.astype(np.int32)})
         times = []
         for frame in frames:

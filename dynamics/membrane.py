@@ -196,6 +196,8 @@ class Flight:
             points = points.reshape(n, 3)
             strain = strains(self.membrane, points, temperature)
             flags = failed if failed.size else None
+            if self.work.broken.gone.size:
+                strain[failed > 0] = np.nan  # of a triangle that is no longer there
             yield Frame(float(numbers[0]), points, velocity.reshape(n, 3), temperature, strain, flags)
 
     def columns(self) -> dict[str, tuple[Floats, str]]:
@@ -299,7 +301,8 @@ def main() -> None:
     end = flight.fly()
     # Within the folder first: a process killed now leaves nothing beside the output
     made = out.with_name(out.name + ".partial") / out.name
-    write_flight(made, flight.membrane.mesh, flight.frames(), flight.columns(), attributes(flight, end, tables))
+    size = flight.journal.frames.nbytes + flight.journal.rows.nbytes
+    write_flight(made, flight.membrane.mesh, flight.frames(), flight.columns(), attributes(flight, end, tables), size)
     made.replace(out)
     flight.journal.remove()
     where = "" if end.reason == "finished" else f" ({end.detail}, near {np.array2string(end.position, precision=4)} m)"

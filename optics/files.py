@@ -173,7 +173,8 @@ def run_stage(main: Callable[[], None]) -> None:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None
     except OSError as error:
-        print(f"error: {error.filename or 'input or output'}: {error.strerror or error}", file=sys.stderr)
+        said = str(error.strerror or error).splitlines()[0]
+        print(f"error: {error.filename or 'input or output'}: {said}", file=sys.stderr)
         raise SystemExit(2) from None
 
 

@@ -137,6 +137,14 @@ def test_light_that_is_off_equals_no_intensity_to_the_bit():
     assert all(np.array_equal(a, b) for a, b in zip(on, off, strict=True))
 
 
+@pytest.mark.parametrize("effect", ["spin_up", "damping", "reflections"])
+def test_effects_with_nothing_to_do_leave_every_bit_as_it_was(effect: str):
+    """No spin, no retardation time, a flat sail: on, each does what it does off."""
+    scene = dark(4, sail={"sectors": film()}, beam={"intensity_W_m2": 1e9}, flight={"duration_s": 2e-4})
+    on, off = (final(altered(scene, effects={effect: value})) for value in (True, False))
+    assert all(np.array_equal(a, b) for a, b in zip(on, off, strict=True))
+
+
 def test_what_is_off_has_no_arrays(tmp_path: Path):
     flight = Flight(dark(effects={"tensile_failure": False, "expansion": False}), {}, tmp_path)
     sizes = {name: array.size for name, array in leaves(flight.work)}
