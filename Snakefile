@@ -31,5 +31,6 @@ rule all:
         plan.all_floquet,
         plan.all_flights,
         plan.checks,
+        plan.all_families,
         [f"results/figures/{name}.{kind}" for name in plan.figures for kind in ("png", "svg")],
         "results/summary.csv",

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -62,7 +63,8 @@ def meep_installed() -> bool:
 class Plan:
     """The configuration with the scenes and cells it names, all read and checked, and whether FDTD is run.
 
-    folder: that of the workflow, where scenes and designs lie.
+    folder: that of the workflow, where scenes and designs lie. families: designs that stand for
+    many, with the number of the best that are confirmed.
     """
 
     config: Config
@@ -70,6 +72,7 @@ class Plan:
     cells: dict[str, Cell]
     fdtd: bool
     folder: Path
+    families: dict[str, int] = field(default_factory=dict)
 
     @property
     def gratings(self) -> list[str]:
@@ -140,6 +143,12 @@ class Plan:
         return rigid + [f"results/scenes/{scene}/flight.vtkhdf" for scene in self.config.flight]
 
     @property
+    def all_families(self) -> list[str]:
+        """Paths of what is found out about every family, and about its best members."""
+        screened = [f"results/screening/{family}/screened.parquet" for family in self.families]
+        return screened + [f"results/screening/{family}/confirmed.md" for family, best in self.families.items() if best]
+
+    @property
     def checks(self) -> list[str]:
         """Path of the comparison of FDTD with the modal method, where both are there to compare."""
         return ["results/checks.json"] if self.fdtd_designs else []
@@ -160,6 +169,8 @@ class Plan:
         names += ["fdtd"] if self.fdtd_designs else []
         names += ["multipliers"] if self.config.floquet else []
         names += [f"maps_{scene}" for scene in self.config.maps]
+        names += [f"family_{family}" for family in self.families]
+        names += [f"confirmed_{family}" for family, best in self.families.items() if best]
         return names + (["flights"] if self.all_flights else [])
 
 
@@ -225,6 +236,18 @@ def _read_cell(folder: Path, design: str) -> Cell:
     return cell
 
 
+def _families(folder: Path, designs: list[str]) -> dict[str, int]:
+    """The designs that stand for many (`workflow.family`), checked, with the number of the best to be confirmed."""
+    found = {}
+    for design in designs:
+        path = folder / "designs" / f"{design}.yaml"
+        data = load_yaml(path)
+        if isinstance(data, dict) and data.get("kind") == "family":
+            family = importlib.import_module("workflow.family")  # only here: pandas takes a while
+            found[design] = family.read_family(path).best.count
+    return found
+
+
 def read_config(path: str | Path) -> dict[str, Any]:
     """Content of a configuration file, not yet validated; InputError where it is no mapping of keys to values."""
     data = load_yaml(path)
@@ -241,8 +264,10 @@ def read_plan(data: dict[str, Any], root: str | Path = ".") -> Plan:
     names = dict.fromkeys([*config.floquet, *config.maps, *config.rigid, *config.flight])
     scenes = {name: read_scene(folder / "scenes" / f"{name}.yaml") for name in names}
     used = [design for scene in scenes.values() for design in scene.sail.designs]
+    families = _families(folder, config.designs)
     designs = dict.fromkeys([*config.designs, *config.fdtd_designs, *used])
-    cells = {design: _read_cell(folder, design) for design in designs}
-    plan = Plan(config, scenes, cells, meep_installed() if config.fdtd == "auto" else config.fdtd, folder)
+    cells = {design: _read_cell(folder, design) for design in designs if design not in families}
+    fdtd = meep_installed() if config.fdtd == "auto" else config.fdtd
+    plan = Plan(config, scenes, cells, fdtd, folder, families)
     _refuse(plan)
     return plan

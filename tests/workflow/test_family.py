@@ -15,7 +15,7 @@ import yaml
 
 from dynamics.scene import read_scene
 from optics.cells import read_cell, read_metagrating
-from optics.files import InputError
+from optics.files import InputError, load_yaml
 from workflow.family import base_parameters, expand, number_cells, read_family
 
 ROOT = Path(__file__).parents[2]
@@ -36,7 +36,10 @@ def family(tmp_path):
     return read
 
 
-@pytest.mark.parametrize("path", sorted(WORKFLOW.glob("families/*.yaml")), ids=lambda path: path.stem)
+FAMILIES = [path for path in sorted(WORKFLOW.glob("designs/*.yaml")) if load_yaml(path)["kind"] == "family"]
+
+
+@pytest.mark.parametrize("path", FAMILIES, ids=lambda path: path.stem)
 def test_every_family_is_valid_and_starts_from_the_published_design(path):
     members, cells = number_cells(expand(read_family(path), BASE), BASES)
     for group, base in zip(("te", "tm"), BASES, strict=True):
@@ -106,7 +109,7 @@ def test_members_that_fail_cost_no_fdtd_and_no_flight(tmp_path):
     for name in ("optics", "dynamics", "workflow"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "Snakefile", tmp_path)
-    search = tmp_path / "workflow/families/search.yaml"
+    search = tmp_path / "workflow/designs/search.yaml"
     data = yaml.safe_load(search.read_text()) | {"orders": 5}
     for group in ("te", "tm"):
         data[group] = {key: values[::3] for key, values in data[group].items()}

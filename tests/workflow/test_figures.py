@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 from matplotlib.image import imread
 
-from dynamics import floquet, maps, membrane, rigid
+from dynamics import basin, floquet, maps, membrane, rigid
 from optics.modal import solve
 from optics.outline import read_grating, upright
 from optics.table import PressureTable
@@ -136,6 +136,45 @@ def test_conclusions_say_what_stands_and_what_changes(drawn, tmp_path):
         rows = list(csv.DictReader(stream))
     assert [row["incidence"] for row in rows] == ["yaw blind", "sail frame"]
     assert [row["tilted_end"] for row in rows] == ["fly away", "finished"]
+
+
+@pytest.fixture(scope="module")
+def basins(results) -> list[Path]:
+    """Maps of six releases, with both incidences, of the spinning scene; the first where its other results lie."""
+    grid, out = results / "grid.yaml", results / "scenes/spinning/basin"
+    grid.write_text("{n_offsets: 2, n_tilts: 3, offsets_m: [0.0, 0.1], tilts_deg: [-3, 3], duration_s: 0.02}")
+    tables = [results / "tables" / design / "modal.h5" for design in smooth_tables()]
+    paths = [out / f"{incidence}.h5" for incidence in ("sail_frame", "yaw_blind")]
+    for path in paths:
+        _stage(basin, path, "--scene", results / "spinning.yaml", "--tables", *tables, "--grid", grid,
+               "--incidence", path.stem)
+    return paths
+
+
+def test_basins_side_by_side(drawn, basins):
+    text = drawn("basin", "--maps", *basins)
+    assert text.count("100 % bounded") == 2
+    assert "spinning, incidence of the paper, blind to yaw" in text
+    assert "best, incidence seen by the sail" in drawn("basin", "--maps", basins[0], "--names", "best")
+
+
+def test_the_best_of_a_family_stand_beside_the_sail_they_vary(basins, results, tmp_path):
+    family = ROOT / "workflow/designs/wider_periods.yaml"
+    sail = {"te.period_nm": 1600.0, "tm.gap_nm": 200.0, "acceleration_m_s2": 350.0, "eligible": True, "rank": 1}
+    frame = pd.DataFrame([sail, {**sail, "te.period_nm": 1650.0, "rank": 0}])
+    frame.to_parquet(tmp_path / "screened.parquet")
+    folder = results / "scenes/spinning"
+    given = ["--family", family, "--screened", tmp_path / "screened.parquet", "--base", folder, "--csv",
+             tmp_path / "table.csv", "--markdown", tmp_path / "table.md"]
+    assert _run("confirmed", *given, "--candidates", folder) == (0, "")
+    with open(tmp_path / "table.csv", encoding="utf-8") as stream:
+        base, best = csv.DictReader(stream)
+    assert (base["what_differs"], best["what_differs"]) == ("", "te.period_nm 1650")
+    assert (best["basin_bounded"], best["basin_flights"], best["rigid_end"]) == ("6", "6", "finished")
+    assert float(best["thrust_fdtd_N"]) > float(best["thrust_N"]) > 0.0
+    assert "| margin fdtd (1/s) |" in (tmp_path / "table.md").read_text()
+    code, error = _run("confirmed", *given)
+    assert (code, error.count("\n")) == (2, 1)
 
 
 def _screened():

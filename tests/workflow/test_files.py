@@ -9,6 +9,7 @@ from dynamics.scene import Scene, read_scene
 from optics.cells import read_cell
 from optics.files import InputError, load_yaml
 from workflow.configuration import read_plan
+from workflow.family import read_family
 
 WORKFLOW = Path(__file__).parents[2] / "workflow"
 CONFIG = load_yaml(WORKFLOW / "config.yaml")
@@ -16,7 +17,8 @@ CONFIG = load_yaml(WORKFLOW / "config.yaml")
 
 @pytest.mark.parametrize("path", sorted(WORKFLOW.glob("designs/*.yaml")), ids=lambda path: path.stem)
 def test_every_design_is_valid_and_named_like_its_file(path):
-    assert read_cell(path).name == path.stem
+    read = read_family if load_yaml(path)["kind"] == "family" else read_cell
+    assert read(path).name == path.stem
 
 
 @pytest.mark.parametrize("path", sorted(WORKFLOW.glob("scenes/*.yaml")), ids=lambda path: path.stem)
@@ -48,6 +50,20 @@ def test_the_main_job_has_what_was_promised():
     assert {"fig6", "fig6_published"} <= set(plan.config.rigid) & set(plan.config.flight) & set(plan.config.floquet)
     assert "results/tables/si43/thin_film.h5" in plan.all_tables
     assert len(plan.benchmarks) == len(set(plan.benchmarks))
+
+
+def test_a_family_among_the_designs_is_screened_and_its_best_are_confirmed():
+    plan = _plan(designs=["si43", "wider_periods", "gap_study"])
+    assert plan.families == {"wider_periods": 1, "gap_study": 0}
+    assert not plan.families.keys() & plan.cells.keys()
+    folder = "results/screening"
+    assert plan.all_families == [
+        f"{folder}/wider_periods/screened.parquet", f"{folder}/gap_study/screened.parquet",
+        f"{folder}/wider_periods/confirmed.md",
+    ]
+    assert {"family_wider_periods", "confirmed_wider_periods", "family_gap_study"} <= set(plan.figures)
+    assert "confirmed_gap_study" not in plan.figures
+    assert _plan().all_families == []
 
 
 def test_without_fdtd_nothing_of_it_is_asked_for():
@@ -113,6 +129,7 @@ def test_scenes_fly_on_the_tables_that_the_configuration_names():
         ({"fdtd_grid": {"u_max": 1.2, "v_max": 0.1, "tolerance": 0.01}}, r"fdtd_grid.u_max = 1.2: must be less than 1"),
         ({"rigid": ["fig7"]}, r"scenes/fig7.yaml: no such file"),
         ({"designs": ["gold"]}, r"designs/gold.yaml: no such file"),
+        ({"fdtd_designs": ["search"]}, r"designs/search.yaml: kind = 'family': must be one of metagrating, "),
         ({"fdtd_designs": ["si43"]}, r"fdtd_designs.0 = 'si43': must be a grating"),
         ({"tables": "fdtd", "fdtd_designs": []}, r"tables = 'fdtd': scene '\w+' has no FDTD table of 'mark1e_tm'"),
         ({"modal": {**WIDE, "u_max": 0.8, "v_max": 0.6}}, r"yaml: modal: u_max² \+ v_max² = 1: must be less than 1"),

@@ -1,11 +1,13 @@
-"""Error against time of rigid flights: integration tolerance, quadrature and tables, one knob turned at a time.
+"""Error against time of rigid flights: integration tolerance, quadrature, spacing and source of the tables, one by one.
 
     python workflow/benchmarks/accuracy_rigid.py --scene workflow/scenes/fig6.yaml --tables "modal 1e-3=te.h5,tm.h5" \
-        "modal 1e-2=te2.h5,tm2.h5" --out accuracy_rigid.csv --png accuracy_rigid.png
+        "modal 1e-2=te2.h5,tm2.h5" --out rigid.csv --markdown rigid.md --png rigid.png
 
 The error of a trajectory is the distance, at 1 s, across the beam from the best flight: tolerance 1e-13,
 quadrature 1e-13, first of the tables. That of the multipliers is the largest distance to those of the first tables;
-they come from closed integrals and need neither tolerance nor quadrature. Seconds are of one core, without compilation.
+they come from closed integrals and need neither tolerance nor quadrature. `spacing` takes the first tables' values on
+plain grids of so many direction cosines a step. Seconds of a flight are of one core, without compilation; those of
+tables what making them took, where the file says so.
 """
 
 from __future__ import annotations
@@ -34,8 +36,10 @@ Tables = dict[str, PressureTable]
 
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 QUADRATURES = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-11)
+SPACINGS = (0.04, 0.02, 0.01, 0.005, 0.0025)
 BEST = 1e-13
 REPEATS = 3
+GOALS = (1e-2, 1e-3, 1e-4, 1e-6)
 
 
 class Row(NamedTuple):
@@ -46,6 +50,8 @@ class Row(NamedTuple):
     error_multiplier: float
     error_trajectory_1s: float
     seconds: float
+    directions: float
+    table_seconds: float
 
 
 def _flown(scene: Scene, tables: Tables, tolerance: float, quadrature: float) -> tuple[np.ndarray, float]:
@@ -62,6 +68,20 @@ def _flown(scene: Scene, tables: Tables, tolerance: float, quadrature: float) ->
     return flight.position[-1, :2], best
 
 
+def _plain(tables: Tables, step: float) -> Tables:
+    """The same response on uniform grids, interpolated like any table without cut-offs."""
+    out = {}
+    for name, table in tables.items():
+        n, m = (int(np.floor(axis[-1] / step)) for axis in (table.u, table.v))
+        u, v = step * np.arange(-n, n + 1), step * np.arange(m + 1)
+        q = np.moveaxis(table.q(u[:, None], v), -1, 0)
+        absorptance = table.absorptance(u[:, None], v)
+        attrs = {"name": name, "wavelength_m": table.attrs["wavelength_m"]}
+        error = np.full((u.size, v.size), 1e-3)
+        out[name] = PressureTable(u, v, q, absorptance, error, mirror_v=True, attrs=attrs)
+    return out
+
+
 def rows(scene: Scene, sets: dict[str, Tables]) -> Iterator[Row]:
     """Every knob at every setting."""
     first = next(iter(sets.values()))
@@ -70,12 +90,16 @@ def rows(scene: Scene, sets: dict[str, Tables]) -> Iterator[Row]:
         for value in settings:
             chosen = (value, BEST) if knob == "tolerance" else (1e-11, value)
             place, seconds = _flown(scene, first, *chosen)
-            yield Row(knob, f"{value:g}", math.nan, math.dist(place, best), seconds)
+            yield Row(knob, f"{value:g}", math.nan, math.dist(place, best), seconds, math.nan, math.nan)
     multipliers = floquet.analyse(scene, first).multipliers
-    for name, tables in sets.items():
-        place, seconds = _flown(scene, tables, 1e-11, BEST)
-        error = floquet.distance(floquet.analyse(scene, tables).multipliers, multipliers)
-        yield Row("tables", name, error, math.dist(place, best), seconds)
+    spaced = {f"{step:g}": _plain(first, step) for step in SPACINGS}
+    for knob, group in (("spacing", spaced), ("tables", sets)):
+        for name, tables in group.items():
+            place, seconds = _flown(scene, tables, 1e-11, BEST)
+            error = floquet.distance(floquet.analyse(scene, tables).multipliers, multipliers)
+            directions = sum(table.error.size for table in tables.values())
+            made = sum(float(table.attrs.get("wall_seconds", math.nan)) for table in tables.values())
+            yield Row(knob, name, error, math.dist(place, best), seconds, directions, made)
 
 
 def write(path: Path, found: list[Row]) -> None:
@@ -88,16 +112,49 @@ def write(path: Path, found: list[Row]) -> None:
             table.writerow([*row[:2], *numbers])
 
 
+def _cheapest(found: list[Row], goal: float) -> str:
+    """Setting and flight time of the cheapest row that meets a goal in the trajectory, or a dash."""
+    good = [row for row in found if row.error_trajectory_1s <= goal]
+    if not good:
+        return "–"
+    best = min(good, key=lambda row: row.seconds)
+    return f"{best.seconds:.2g} s ({best.setting})"
+
+
+def markdown(found: list[Row]) -> str:
+    """The cheapest setting of each knob for each error at 1 s; then every table: both errors and what it costs."""
+    lines = ["| knob | " + " | ".join(f"path at 1 s within {goal:g} m" for goal in GOALS) + " |"]
+    lines.append("|---" * (1 + len(GOALS)) + "|")
+    for knob in ("tolerance", "quadrature"):
+        mine = [row for row in found if row.knob == knob]
+        lines.append(f"| {knob} | " + " | ".join(_cheapest(mine, goal) for goal in GOALS) + " |")
+    lines += ["", "| tables | directions | path at 1 s (m) | multipliers | flight | making them |", "|---" * 6 + "|"]
+    for row in found:
+        if row.knob in ("spacing", "tables"):
+            name = f"plain grid, step {row.setting}" if row.knob == "spacing" else row.setting
+            made = "" if math.isnan(row.table_seconds) else f"{row.table_seconds:.0f} s"
+            errors = (f"{row.error_trajectory_1s:.1e}", f"{row.error_multiplier:.1e}")
+            lines.append(f"| {name} | {row.directions:.0f} | {' | '.join(errors)} | {row.seconds:.2g} s | {made} |")
+    return "\n".join(lines) + "\n"
+
+
 def draw(path: Path, found: list[Row], title: str) -> None:
-    """Error against time for tolerance and quadrature, errors of the tables as bars."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.5), constrained_layout=True)
+    """Error against time for tolerance and quadrature, against directions for the spacing, and of each table."""
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(14, 4.5), constrained_layout=True)
     for knob, mark in (("tolerance", "o-"), ("quadrature", "s-")):
         chosen = [row for row in found if row.knob == knob and row.error_trajectory_1s > 0]
         left.loglog([row.seconds for row in chosen], [row.error_trajectory_1s for row in chosen], mark, label=knob)
         for row in chosen:
-            left.annotate(row.setting, (row.seconds, row.error_trajectory_1s), fontsize=6)
+            place = (row.seconds, row.error_trajectory_1s)
+            left.annotate(row.setting, place, fontsize=6, xytext=(4, 2), textcoords="offset points")
     left.set(xlabel="CPU time of 1 s of flight (s)", ylabel="error across the beam at 1 s (m)", title=title)
     left.legend()
+    spaced = [row for row in found if row.knob == "spacing"]
+    steps = [float(row.setting) for row in spaced]
+    middle.loglog(steps, [row.error_trajectory_1s for row in spaced], "o-", label="path at 1 s (m)")
+    middle.loglog(steps, [row.error_multiplier for row in spaced], "s-", label="multipliers")
+    middle.set(xlabel="step of a plain grid of direction cosines", title="spacing of the tables")
+    middle.legend()
     tables = [row for row in found if row.knob == "tables"][1:]
     at = np.arange(len(tables))
     right.bar(at - 0.2, [row.error_trajectory_1s for row in tables], 0.4, label="path at 1 s (m)")
@@ -124,11 +181,14 @@ def main() -> None:
     parser.add_argument("--scene", required=True, type=Path)
     parser.add_argument("--tables", required=True, nargs="+", help="NAME=FILE,FILE… of each source, the best first")
     parser.add_argument("--out", required=True, type=Path, help="CSV to write")
+    parser.add_argument("--markdown", required=True, type=Path, help="short tables to write")
     parser.add_argument("--png", required=True, type=Path, help="figure to write")
     arguments = parser.parse_args()
     scene = read_scene(arguments.scene)
     found = list(rows(scene, dict(_set(text, scene) for text in arguments.tables)))
     write(arguments.out, found)
+    with atomic(arguments.markdown) as temporary:
+        Path(temporary).write_text(markdown(found), encoding="utf-8")
     draw(arguments.png, found, scene.name)
 
 

@@ -49,13 +49,13 @@ def _release(axes: Axes, data: dict[str, Any]) -> None:
     axes.plot(tilt, 100 * np.hypot(*release["offset_m"]), "k+", ms=9, mew=1.5)
 
 
-def draw(maps: list[dict[str, Any]]) -> Figure:
-    """A column a map."""
+def draw(maps: list[dict[str, Any]], names: list[str]) -> Figure:
+    """A column a map, under the names of their scenes."""
     figure, grid = plt.subplots(2, len(maps), figsize=(5.2 * len(maps), 7.5), squeeze=False)
-    for (top, bottom), data in zip(grid.T, maps, strict=True):
+    for (top, bottom), data, name in zip(grid.T, maps, names, strict=True):
         bounded = data["end_code"] == data["reasons"].index("finished")
         share = 100 * bounded.mean()
-        top.set_title(f"{data['scene']['name']}, {TITLES[data['scene']['incidence']]}: {share:.0f} % bounded")
+        top.set_title(f"{name}, {TITLES[data['scene']['incidence']]}: {share:.0f} % bounded")
         lost: Any = np.ma.masked_array(data["end_time"], bounded)
         _panel(top, data, lost, "time to the loss (s), grey: bounded", data["grid"]["duration_s"], "viridis")
         distance: Any = np.ma.masked_array(100 * data["distance_max"], ~bounded)
@@ -68,8 +68,13 @@ def main() -> None:
     """Draw basin maps of a scene."""
     arguments = parser(__doc__)
     arguments.add_argument("--maps", nargs="+", required=True, type=Path, help="files of dynamics.basin")
+    arguments.add_argument("--names", nargs="*", help="names to show (default: those of their scenes)")
     given = arguments.parse_args()
-    save(draw([read(path) for path in given.maps]), given.out, given.svg)
+    maps = [read(path) for path in given.maps]
+    names = given.names or [data["scene"]["name"] for data in maps]
+    if len(names) != len(maps):
+        raise InputError(f"--names: {len(names)} names; must be one for each of the {len(maps)} maps")
+    save(draw(maps, names), given.out, given.svg)
 
 
 if __name__ == "__main__":

@@ -4,10 +4,16 @@
 rule polarisation:
     input:
         scene="workflow/scenes/fig6.yaml",
-        cells=[f"workflow/designs/{design}.yaml" for design in ("mark1e_te", "mark1e_tm")],
+        tables=lambda wildcards: checked(plan.tables, "fig6", "modal"),
         sources=sources("workflow/figures/polarisation.py"),
     output:
-        png="results/figures/polarisation.png",
+        csv="results/polarisation.csv",
+        png=report(
+            "results/figures/polarisation.png",
+            caption="../report/polarisation.rst",
+            category="Stability",
+            labels={"figure": "does the sail lock to the polarisation?"},
+        ),
         svg="results/figures/polarisation.svg",
     log:
         "results/logs/figures/polarisation.log",
@@ -20,5 +26,5 @@ rule polarisation:
     message:
         "Spin torque and flights against the polarisation of the beam"
     shell:
-        "python workflow/figures/polarisation.py --scene {input.scene} --cells {input.cells}"
+        "python workflow/figures/polarisation.py --scene {input.scene} --tables {input.tables} --csv {output.csv}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"

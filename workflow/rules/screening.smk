@@ -5,7 +5,7 @@ def family(name):
     """A family of designs, read and checked when it is first asked for."""
     from workflow.family import read_family
 
-    return checked(read_family, f"workflow/families/{name}.yaml")
+    return checked(read_family, f"workflow/designs/{name}.yaml")
 
 
 def base_scene(wildcards):
@@ -19,15 +19,25 @@ def base_designs(wildcards):
     return [f"workflow/designs/{design}.yaml" for design in designs]
 
 
-def confirmations(name):
-    """Of each of the best members, once screening has found them: stability from FDTD tables, rigid and flexible flight."""
+def confirmed(file):
+    """That file of each of the best members, once screening has found them."""
     def paths(wildcards):
-        folder = Path(checkpoints.candidates.get(family=name).output[0])
-        files = (["floquet_fdtd.json"] if plan.fdtd else []) + ["floquet.json", "rigid.h5", "basin/sail_frame.h5", "flight.vtkhdf"]
-        places = sorted(path.name for path in folder.iterdir() if path.name.isdecimal())
-        return [f"results/screening/{name}/confirmed/{place}/{file}" for place in places for file in files]
+        folder = Path(checkpoints.candidates.get(family=wildcards.family).output[0])
+        places = sorted((path.name for path in folder.iterdir() if path.name.isdecimal()), key=int)
+        return [f"results/screening/{wildcards.family}/confirmed/{place}/{file}" for place in places]
 
     return paths
+
+
+# What each of the best members costs, and what the base scene is asked for beside them.
+CONFIRMATION = ("floquet.json", "rigid.h5", "basin/sail_frame.h5", "flight.vtkhdf")
+
+
+def beside(wildcards):
+    """The same results of the base scene: its stability from FDTD tables too where these are made anyway."""
+    scene = family(wildcards.family).scene
+    files = [*CONFIRMATION, *(["floquet_fdtd.json"] if scene in plan.fdtd_scenes else [])]
+    return [f"results/scenes/{scene}/{file}" for file in files]
 
 
 wildcard_constraints:
@@ -38,7 +48,7 @@ wildcard_constraints:
 
 rule family:
     input:
-        family="workflow/families/{family}.yaml",
+        family="workflow/designs/{family}.yaml",
         scene=base_scene,
         designs=base_designs,
         sources=sources("workflow/family.py"),
@@ -111,7 +121,7 @@ rule screened:
 # A checkpoint: which designs FDTD and the flights get is known only now.
 checkpoint candidates:
     input:
-        family="workflow/families/{family}.yaml",
+        family="workflow/designs/{family}.yaml",
         scene=base_scene,
         screened="results/screening/{family}/screened.parquet",
         cells="results/screening/{family}/cells.jsonl",
@@ -299,22 +309,81 @@ use rule flight as candidate_flight with:
         "Flexible flight of candidate {wildcards.place} of {wildcards.family}"
 
 
+rule confirmed:
+    input:
+        family="workflow/designs/{family}.yaml",
+        screened="results/screening/{family}/screened.parquet",
+        base=beside,
+        floquet=confirmed("floquet.json"),
+        fdtd=confirmed("floquet_fdtd.json") if plan.fdtd else [],
+        rigid=confirmed("rigid.h5"),
+        basin=confirmed("basin/sail_frame.h5"),
+        flight=confirmed("flight.vtkhdf"),
+        sources=sources("workflow/confirmed.py"),
+    output:
+        csv="results/screening/{family}/confirmed.csv",
+        markdown="results/screening/{family}/confirmed.md",
+    log:
+        "results/logs/screening/{family}/confirmed.log",
+    params:
+        base=lambda wildcards: f"results/scenes/{family(wildcards.family).scene}",
+        candidates=lambda wildcards, input: [os.path.dirname(path) for path in input.floquet],
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    message:
+        "Table of the best members of the family {wildcards.family}"
+    shell:
+        "python workflow/confirmed.py --family {input.family} --screened {input.screened} --base {params.base}"
+        " --candidates {params.candidates} --csv {output.csv} --markdown {output.markdown} > {log} 2>&1"
+
+
+rule confirmed_figure:
+    input:
+        base=lambda wildcards: f"results/scenes/{family(wildcards.family).scene}/basin/sail_frame.h5",
+        best=confirmed("basin/sail_frame.h5"),
+        sources=sources("workflow/figures/basin.py"),
+    output:
+        png=report(
+            "results/figures/confirmed_{family}.png",
+            caption="../report/confirmed.rst",
+            category="Screening",
+            labels={"family": "{family}, basins of the best"},
+        ),
+        svg="results/figures/confirmed_{family}.svg",
+    log:
+        "results/logs/figures/confirmed_{family}.log",
+    params:
+        names=lambda wildcards, input: [family(wildcards.family).scene]
+        + [f"'{wildcards.family}, {os.path.dirname(os.path.dirname(path)).split('/')[-1]}'" for path in input.best],
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    message:
+        "Basins of the best members of the family {wildcards.family}"
+    shell:
+        "python workflow/figures/basin.py --maps {input.base} {input.best} --names {params.names}"
+        " --out {output.png} --svg {output.svg} > {log} 2>&1"
+
+
 rule family_figure:
     input:
         screened="results/screening/{family}/screened.parquet",
         sources=sources("workflow/figures/families.py"),
     output:
         png=report(
-            "results/figures/{family}.png",
+            "results/figures/family_{family}.png",
             caption="../report/families.rst",
             category="Screening",
             labels={"family": "{family}"},
         ),
-        svg="results/figures/{family}.svg",
+        svg="results/figures/family_{family}.svg",
     log:
-        "results/logs/figures/{family}.log",
-    wildcard_constraints:
-        family="search|gap_study|tolerances",
+        "results/logs/figures/family_{family}.log",
+    params:
+        kind=lambda wildcards: wildcards.family if wildcards.family in ("gap_study", "tolerances") else "search",
     threads: 1
     resources:
         mem_mb=2000,
@@ -322,27 +391,29 @@ rule family_figure:
     message:
         "Figure of the family {wildcards.family}"
     shell:
-        "python workflow/figures/families.py --kind {wildcards.family} --screened {input.screened}"
+        "python workflow/figures/families.py --kind {params.kind} --screened {input.screened}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
 # The paper's search around its design, and the best of it confirmed.
 rule screening:
     input:
-        "results/figures/search.png",
-        confirmations("search"),
+        "results/figures/family_search.png",
+        "results/figures/confirmed_search.png",
+        "results/screening/search/confirmed.md",
 
 
 rule better_design:
     input:
-        confirmations("wider_periods"),
+        "results/figures/confirmed_wider_periods.png",
+        "results/screening/wider_periods/confirmed.md",
 
 
 rule gap_study:
     input:
-        "results/figures/gap_study.png",
+        "results/figures/family_gap_study.png",
 
 
 rule tolerances:
     input:
-        "results/figures/tolerances.png",
+        "results/figures/family_tolerances.png",
