@@ -10,21 +10,24 @@ from drawing import BLUE, ORANGE, parser, plt, save
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from dynamics.maps import equilibria
 from optics.files import run_stage
 
 Maps = dict[str, np.ndarray]
 
 
 def _force(axes: Axes, maps: Maps, axis: str, tilt: str, symbol: str) -> None:
-    """F over shift and tilt; the grey line is where it vanishes."""
+    """F over shift and tilt; the grey line is where it vanishes, black where it restores at a fixed tilt."""
     values, degrees = 1e3 * maps[f"F_{axis}"], np.degrees(maps["tilt"])
     largest = np.nanmax(np.abs(values))
     image = axes.pcolormesh(
         maps["shift"], degrees, values.T, vmin=-largest, vmax=largest, cmap="RdBu_r", shading="gouraud", rasterized=True
     )
     axes.contour(maps["shift"], degrees, values.T, levels=[0.0], colors="0.4", linewidths=1.2)
+    found = [(x, angle) for angle, force in zip(degrees, values.T, strict=True) for x in equilibria(maps["shift"], force)]
+    axes.plot(*np.reshape(found, (-1, 2)).T, ".", color="black", ms=3)
     axes.set(xlabel=f"{axis}/D", ylabel=f"{tilt} {symbol} (°)")
-    axes.set_title(f"$F_{axis}$({axis}, {symbol}); grey: equilibrium")
+    axes.set_title(f"$F_{axis}$({axis}, {symbol}); grey: equilibrium, black: restoring")
     axes.grid(False)
     axes.figure.colorbar(image, ax=axes, label=rf"$F_{axis}$ ($10^{{-3}}\,I_0D^2/c$)")
 

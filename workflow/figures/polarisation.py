@@ -118,7 +118,8 @@ def _flights(distance: Axes, angle: Axes, scene: Scene, tables: Tables) -> list[
         lost = flight.end_reason != "finished"
         distance.plot(flight.time, 100 * off, color=colour, lw=0.7)
         label = f"{name}{f': lost at {flight.time[-1]:.1f} s' if lost else ': stays'}"
-        angle.plot(*(([], []) if beam.hertz == 0.0 else (flight.time, ahead)), color=colour, label=label)
+        shown = slice(0 if beam.hertz == 0.0 else None)  # fixed in the lab: off the scale at once, in the legend alone
+        angle.plot(flight.time[shown], ahead[shown], color=colour, label=label)
         numbers = (flight.time[-1], off.max(), flight.spin[-1], ahead[-1])
         lines.append([name, flight.end_reason, *(f"{x:.6g}" for x in numbers)])
     distance.set(xlabel="time (s)", ylabel="distance from the axis (cm)", title=f"flights of {scene.name}")
