@@ -17,36 +17,62 @@ from optics.files import run_stage
 PAPER_GAPS = {"the paper's tables of its 20 % case": (337.5, 342.0, "D"), "a gap 20 % wider": (228.0, 240.0, "s")}
 
 
+BINS = 10
+LINES = ("-", "--", ":", "-.")
+GROUPS = {"te": BLUE, "tm": GREEN, "sail": PURPLE}
+
+
+def varied(screened: pd.DataFrame) -> list[str]:
+    """The parameters that differ between members."""
+    named = [column for column in screened if str(column).split(".")[0] in GROUPS and "." in str(column)]
+    return [str(column) for column in named if screened[column].nunique() > 1]
+
+
+def label(key: str) -> str:
+    """A parameter as the figures name it: 'te.wide_nm' is the TE wide ridge."""
+    group, name = key.split(".")
+    plain = name.rsplit("_", 1)[0].replace("_", " ").replace("wide", "wide ridge")
+    return f"{group.upper() if group != 'sail' else 'sail'} {plain}"
+
+
 def draw_search(screened: pd.DataFrame) -> Figure:
-    """Margin over thrust of the survivors, and where each cell's parameters put them."""
-    figure, (cloud, gaps) = plt.subplots(1, 2, figsize=(12, 4.8))
-    stable, base = screened[screened["verdict"] == "marginally_stable"], screened.iloc[0]
+    """Margin over thrust of the survivors, and the share that survives over each parameter."""
+    figure, (cloud, shares) = plt.subplots(1, 2, figsize=(12, 4.8))
+    stable, base, keys = screened[screened["verdict"] == "marginally_stable"], screened.iloc[0], varied(screened)
     best = screened[screened["eligible"]].sort_values("rank").head(5)
+    colour = "tm.period_nm" if "tm.period_nm" in keys else keys[-1]
     points = cloud.scatter(
-        1e3 * stable["thrust_N"], stable["margin_1_s"], c=stable["tm.period_nm"], s=4, cmap="viridis", rasterized=True
+        1e3 * stable["thrust_N"], stable["margin_1_s"], c=stable[colour], s=4, cmap="viridis", rasterized=True
     )
-    figure.colorbar(points, ax=cloud, label="period of the TM cell (nm)")
+    figure.colorbar(points, ax=cloud, label=f"{label(colour)} ({colour.rsplit('_', 1)[-1]})")
     cloud.plot(1e3 * base["thrust_N"], base["margin_1_s"], "*", color=RED, ms=15, mec="white", label="published design")
     cloud.plot(1e3 * best["thrust_N"], best["margin_1_s"], "D", color=ORANGE, mec="black", label="best at its thrust")
     cloud.set(xlabel="thrust (mN)", ylabel="margin (1/s)")
     share = len(stable) / (screened["verdict"] != "impossible").sum()
     cloud.set_title(f"{len(screened) - 1} members, {share:.0%} marginally stable")
     cloud.legend()
-    for group, colour in (("te", BLUE), ("tm", GREEN)):
-        for name, style in (("gap_nm", "-"), ("wide_nm", "--"), ("period_nm", ":")):
-            key = f"{group}.{name}"
-            medians = screened.assign(ok=screened["verdict"] == "marginally_stable").groupby(key)["ok"].mean()
-            label = f"{group.upper()} {name[:-3].replace('wide', 'wide ridge')}"
-            gaps.plot(medians.index / base[key], 100 * medians, style, marker="o", ms=3, color=colour, label=label)
-    gaps.axvline(1.0, color=RED, lw=0.8)
-    gaps.set(xlabel="parameter, of the published one", ylabel="stable members (%)", title="what stability hangs on")
-    gaps.legend()
+    for key in keys:
+        _share_along(shares, key, screened.iloc[1:], float(base[key]))
+    shares.axvline(1.0, color=RED, lw=0.8)
+    shares.set(xlabel="parameter, of the published one", ylabel="stable members (%)", title="what stability hangs on")
+    shares.legend()
     return figure
 
 
+def _share_along(axes: plt.Axes, key: str, members: pd.DataFrame, base: float) -> None:
+    """Share of stable members at each value of a parameter, or in bins of equal counts where there are many."""
+    ok, value = members["verdict"] == "marginally_stable", members[key]
+    bins = value if value.nunique() <= 2 * BINS else pd.qcut(value, BINS, duplicates="drop")
+    groups = pd.DataFrame({"ok": ok, "value": value}).groupby(bins, observed=True).mean()
+    group = key.split(".")[0]
+    style = LINES[sum(line.get_color() == GROUPS[group] for line in axes.get_lines()) % len(LINES)]
+    axes.plot(groups["value"] / base, 100 * groups["ok"], f"{style}o", color=GROUPS[group], ms=3, label=label(key))
+
+
 def draw_gaps(screened: pd.DataFrame) -> Figure:
-    """Margin over both gaps, and along equal factors."""
-    figure, (plane, line) = plt.subplots(1, 2, figsize=(12, 4.8))
+    """Margin over both gaps, and along equal factors, with the slopes of force and torque that hold the sail."""
+    figure, axes = plt.subplot_mosaic("pm;ps", figsize=(12, 5.4), width_ratios=[1.1, 1])
+    plane = axes["p"]
     base, members = screened.iloc[0], screened.iloc[1:]
     table = members.pivot_table(index="tm.gap_nm", columns="te.gap_nm", values="margin_1_s")
     norm = SymLogNorm(0.1, vmin=-10, vmax=10)
@@ -61,32 +87,47 @@ def draw_gaps(screened: pd.DataFrame) -> Figure:
     plane.legend(loc="upper left", fontsize=7)
     factor = members["te.gap_nm"] / base["te.gap_nm"]
     same = members[np.isclose(factor, members["tm.gap_nm"] / base["tm.gap_nm"])]
-    factor = same["te.gap_nm"] / base["te.gap_nm"]
-    _along(line, factor.to_numpy(), same, base)
+    factor = (same["te.gap_nm"] / base["te.gap_nm"]).to_numpy()
+    _margin_along(axes["m"], factor, same)
+    _slopes_along(axes["s"], factor, same, base)
+    te, tm, _ = PAPER_GAPS["the paper's tables of its 20 % case"]
+    for panel in (axes["m"], axes["s"]):
+        panel.axvspan(*sorted((te / base["te.gap_nm"], tm / base["tm.gap_nm"])), color="0.85", zorder=0)
+        panel.axvline(1.2, color=ORANGE, lw=0.8)
+        panel.axhline(0.0, color="0.3", lw=0.8)
     return figure
 
 
-def _along(line: plt.Axes, factor: np.ndarray, same: pd.DataFrame, base: pd.Series) -> None:
-    """Margin and the slopes of the torques over one factor for both gaps."""
-    line.fill_between(factor, same["margin_low_1_s"], same["margin_high_1_s"], color=BLUE, alpha=0.3)
-    line.plot(factor, same["margin_1_s"], color=BLUE, label="margin")
-    line.axhline(0.0, color="0.3", lw=0.8)
-    line.set_yscale("symlog", linthresh=0.5)
-    line.set(xlabel="gap, of the published one (both cells)", ylabel="margin (1/s)")
-    line.yaxis.label.set_color(BLUE)
-    slopes = line.twinx()
-    slopes.grid(False)
-    slopes.plot(factor, 1e3 * same["tau_x_roll"], color=ORANGE, label=r"$\partial\tau_x/\partial\varphi$")
-    slopes.plot(factor, 1e3 * same["F_y_y"], color=PURPLE, ls="--", label=r"$\partial F_y/\partial y$")
-    slopes.axhline(0.0, color=ORANGE, lw=0.8, ls=":")
-    slopes.set_ylabel(r"$10^{-3}$ (normalised); restoring where negative", color=ORANGE)
-    lost = {"stability": same["margin_1_s"].to_numpy(), "roll": -same["tau_x_roll"].to_numpy()}
-    where = {what: float(factor[np.argmax(values < 0)]) for what, values in lost.items() if (values < 0).any()}
-    te, tm, _ = PAPER_GAPS["the paper's tables of its 20 % case"]
-    line.axvspan(*sorted((te / base["te.gap_nm"], tm / base["tm.gap_nm"])), color="0.8")
-    line.set_title(", ".join(f"{what} lost at {x:.2f}" for what, x in where.items()) + "; grey: the paper's tables")
-    handles = [*line.get_lines()[:1], *slopes.get_lines()[:2]]
-    line.legend(handles, [str(handle.get_label()) for handle in handles], loc="lower left")
+def _lost(factor: np.ndarray, held: np.ndarray) -> str:
+    """Where a quantity that is positive while it holds the sail first fails, as text."""
+    return f"lost at {factor[np.argmax(held < 0)]:.2f}" if (held < 0).any() else "never lost"
+
+
+def _margin_along(axes: plt.Axes, factor: np.ndarray, same: pd.DataFrame) -> None:
+    """Margin over one factor for both gaps."""
+    axes.fill_between(factor, same["margin_low_1_s"], same["margin_high_1_s"], color=BLUE, alpha=0.3)
+    axes.plot(factor, same["margin_1_s"], color=BLUE)
+    axes.set_yscale("symlog", linthresh=0.1)
+    lost = _lost(factor, same["margin_1_s"].to_numpy())
+    axes.set(ylabel="margin (1/s); negative: growth", title=f"stability {lost}; grey: the paper's tables, line: 1.2")
+
+
+def _slopes_along(axes: plt.Axes, factor: np.ndarray, same: pd.DataFrame, base: pd.Series) -> None:
+    """Slopes of force and torque over what they are for the published gaps: they hold the sail while positive."""
+    parts = []
+    for column, name, label, colour, style in (
+        ("tau_x_roll", "roll", r"$\partial\tau_x/\partial\varphi$", ORANGE, "-"),
+        ("F_y_y", "offset along y", r"$\partial F_y/\partial y$", PURPLE, "--"),
+    ):
+        held = (same[column] / base[column]).to_numpy()
+        axes.plot(factor, held, style, color=colour, label=label)
+        parts.append(f"{name} {_lost(factor, held)}")
+    axes.set(xlabel="gap, of the published one (both cells)", ylabel="restoring slope, of the published one")
+    axes.set_title(", ".join(parts))
+    axes.legend()
+
+
+SCALE = "errors, of the family's standard deviations"
 
 
 def draw_tolerances(screened: pd.DataFrame) -> Figure:
@@ -100,7 +141,7 @@ def draw_tolerances(screened: pd.DataFrame) -> Figure:
         error = np.abs(np.array([(low, high) for low, high in interval]).T - value)
         share.errorbar(counts.index, 100 * value, 100 * error, marker="o", color=colour, capsize=3,
                        label=verdict.replace("_", " "))
-    share.set(xscale="log", xlabel="errors (1: as the family says)", ylabel="sails (%)", title="Wilson 95 %")
+    share.set(xscale="log", xlabel=SCALE, ylabel="sails (%)", title="share of sails, with Wilson's 95 % interval")
     share.legend()
     scales = sorted(members["scale"].unique())
     share.set_xticks(scales, [f"{s:g}" for s in scales])
@@ -109,7 +150,7 @@ def draw_tolerances(screened: pd.DataFrame) -> Figure:
                    showfliers=False, tick_labels=[f"{s:g}" for s in scales])
     margin.axhline(float(screened["margin_1_s"].iloc[0]), color=RED, lw=0.8, label="without errors")
     margin.axhline(0.0, color="0.3", lw=0.8)
-    margin.set(xlabel="errors (1: as the family says)", ylabel="margin (1/s)", title="quartiles, 5 and 95 %")
+    margin.set(xlabel=SCALE, ylabel="margin (1/s)", title="median, quartiles, 5 and 95 %")
     margin.legend()
     return figure
 

@@ -24,7 +24,7 @@ def _force(axes: Axes, maps: Maps, axis: str, tilt: str, symbol: str) -> None:
         maps["shift"], degrees, values.T, vmin=-largest, vmax=largest, cmap="RdBu_r", shading="gouraud", rasterized=True
     )
     axes.contour(maps["shift"], degrees, values.T, levels=[0.0], colors="0.4", linewidths=1.2)
-    found = [(x, angle) for angle, force in zip(degrees, values.T, strict=True) for x in equilibria(maps["shift"], force)]
+    found = [(x, t) for t, force in zip(degrees, values.T, strict=True) for x in equilibria(maps["shift"], force)]
     axes.plot(*np.reshape(found, (-1, 2)).T, ".", color="black", ms=3)
     axes.set(xlabel=f"{axis}/D", ylabel=f"{tilt} {symbol} (°)")
     axes.set_title(f"$F_{axis}$({axis}, {symbol}); grey: equilibrium, black: restoring")
