@@ -129,11 +129,13 @@ def markdown(found: list[Row]) -> str:
         mine = [row for row in found if row.knob == knob]
         lines.append(f"| {knob} | " + " | ".join(_cheapest(mine, goal) for goal in GOALS) + " |")
     lines += ["", "| tables | directions | path at 1 s (m) | multipliers | flight | making them |", "|---" * 6 + "|"]
+    reference = next(row for row in found if row.knob == "tables")
     for row in found:
         if row.knob in ("spacing", "tables"):
             name = f"plain grid, step {row.setting}" if row.knob == "spacing" else row.setting
             made = "" if math.isnan(row.table_seconds) else f"{row.table_seconds:.0f} s"
             errors = (f"{row.error_trajectory_1s:.1e}", f"{row.error_multiplier:.1e}")
+            errors = ("reference", "reference") if row is reference else errors
             lines.append(f"| {name} | {row.directions:.0f} | {' | '.join(errors)} | {row.seconds:.2g} s | {made} |")
     return "\n".join(lines) + "\n"
 
@@ -153,6 +155,8 @@ def draw(path: Path, found: list[Row], title: str) -> None:
     steps = [float(row.setting) for row in spaced]
     middle.loglog(steps, [row.error_trajectory_1s for row in spaced], "o-", label="path at 1 s (m)")
     middle.loglog(steps, [row.error_multiplier for row in spaced], "s-", label="multipliers")
+    middle.set_xticks(steps, [row.setting for row in spaced])
+    middle.minorticks_off()
     middle.set(xlabel="step of a plain grid of direction cosines", title="spacing of the tables")
     middle.legend()
     tables = [row for row in found if row.knob == "tables"][1:]
@@ -161,7 +165,7 @@ def draw(path: Path, found: list[Row], title: str) -> None:
     right.bar(at + 0.2, [row.error_multiplier for row in tables], 0.4, label="multipliers")
     right.set_xticks(at, [row.setting for row in tables], rotation=20)
     right.set(yscale="log", title="difference from the first tables")
-    right.legend()
+    right.legend(loc="upper left")
     with atomic(path) as temporary:
         figure.savefig(temporary, format="png", dpi=150)
     plt.close(figure)
