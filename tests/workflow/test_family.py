@@ -124,6 +124,9 @@ def test_members_that_fail_cost_no_fdtd_and_no_flight(tmp_path):
         lines = (folder / "cells.jsonl").read_text().splitlines()
         assert cell.model_dump() == json.loads(lines[int(screened["te_cell"][number])]) | {"name": "te"}
         assert read_scene(folder / "candidates" / place / "sail.yaml").sail.designs == ["tm", "te"]
+    alone = "results/screening/search/confirmed/1/floquet_fdtd.json"
+    one = _snakemake(tmp_path, "--dry-run", "--config", "fdtd=true", "--", alone)
+    assert one.returncode == 0, one.stdout + one.stderr
     dry = _snakemake(tmp_path, "--dry-run", "--config", "fdtd=true", "--", "screening")
     assert dry.returncode == 0, dry.stderr
     basin_parts = yaml.safe_load((tmp_path / "workflow/config.yaml").read_text())["basin_parts"]

@@ -83,7 +83,8 @@ rule fdtd_part:
         parts=plan.config.fdtd_parts,
         tolerance=plan.config.fdtd_tolerance,
         # Rows are kept here as they come. A job that was killed goes on from them, unless cell or program have changed.
-        rows=lambda wildcards, input, output: f"{output}.{digest([input.cell, *input.sources])}",
+        # (The cell of a family's candidate is a folder for as long as the checkpoint that makes it has not been looked at.)
+        rows=lambda wildcards, input, output: f"{output}.{digest(filter(os.path.isfile, [input.cell, *input.sources]))}",
     threads: 1
     resources:
         mem_mb=2000,
