@@ -44,7 +44,7 @@ rule accuracy_table:
 rule published_tables:
     input:
         data=str(REFERENCE),
-        sources=sources("tests.published.reference"),
+        sources=lambda wildcards: sources("tests.published.reference"),  # looked at where it is asked for alone
     output:
         [f"results/accuracy/published/{cell}.h5" for cell in CELLS],
     log:
