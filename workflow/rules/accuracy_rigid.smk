@@ -2,7 +2,6 @@
 
 LEVELS = ("3e-3", "1e-2")  # beside the tables that the scenes fly on
 CELLS = ("mark1e_te", "mark1e_tm")
-REFERENCE = Path(os.environ.get("BEAMRIDER_REFERENCE") or "../shared/reference", "published_pressure_tables.npz")
 
 
 def sets(wildcards):
@@ -12,8 +11,8 @@ def sets(wildcards):
     fdtd = [f"results/tables/{cell}/fdtd.h5" for cell in CELLS]
     if all(map(os.path.exists, fdtd)):
         found["FDTD"] = fdtd
-    if REFERENCE.exists():
-        found["published"] = [f"results/accuracy/published/{cell}.h5" for cell in CELLS]
+    if os.path.exists(REFERENCE):  # of published.smk
+        found["published"] = [f"results/tables/published/{cell}.h5" for cell in CELLS]
     return found
 
 
@@ -39,24 +38,6 @@ rule accuracy_table:
     shell:
         "python -m optics.modal --cell {input.cell} --u-max {params.u_max} --v-max {params.v_max}"
         " --tolerance {wildcards.level} --out {output} > {log} 2>&1"
-
-
-rule published_tables:
-    input:
-        data=str(REFERENCE),
-        sources=lambda wildcards: sources("tests.published.reference"),  # looked at where it is asked for alone
-    output:
-        [f"results/accuracy/published/{cell}.h5" for cell in CELLS],
-    log:
-        "results/logs/accuracy/published.log",
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    message:
-        "Published tables"
-    shell:
-        "python -m tests.published.reference --out $(dirname {output[0]}) > {log} 2>&1"
 
 
 # FDTD tables count where they are there; nothing is solved for this.

@@ -40,7 +40,7 @@ rule published_flights:
 rule published_reference:
     input:
         REFERENCE,
-        sources=sources("tests.published.reference"),
+        sources=lambda wildcards: sources("tests.published.reference"),  # looked for where it is asked for alone
     output:
         "results/tables/published/mark1e_te.h5",
         "results/tables/published/mark1e_tm.h5",
