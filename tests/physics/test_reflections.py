@@ -144,14 +144,14 @@ def test_rays_of_a_paraboloid_meet_the_sail_once_more_and_leave_along_the_axis(t
 
 
 def test_more_rays_a_triangle_converge(tmp_path: Path):
-    """Axial force on a paraboloid whose triangles reflect onto one another: differences shrink with the rays."""
+    """Axial force on a paraboloid whose triangles reflect onto one another: at least at first order in rays a side."""
     values = {}
-    for rays in (1, 2, 4, 16):
+    for rays in (1, 2, 4, 8, 32):
         _, row = lit(tmp_path, sail=BOWL, rings=6, reflections={"rays_a_side": rays})
         values[rays] = force(row)[2]
-    error = {rays: abs(values[rays] / values[16] - 1.0) for rays in (1, 2, 4)}
-    assert error[4] < error[1]
-    assert error[4] < 2e-3
+    error = {rays: abs(values[rays] / values[32] - 1.0) for rays in (1, 2, 4, 8)}
+    assert error[1] > 1e-3
+    assert all(error[rays] < 5e-3 / rays for rays in error)
 
 
 # Films
