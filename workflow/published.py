@@ -25,7 +25,9 @@ Quantity = Literal[
     "highest temperature of the coldest point", "largest strain", "speed at the end", "x", "y", "z", "temperature_max",
     "temperature_mean", "strain_max",
 ]
-Outcome = Literal["rides the beam", "leaves the beam", "tips over", "collapses", "tears"]
+Outcome = Literal[
+    "rides the beam", "leaves the beam", "swings wider and wider", "tips over", "collapses", "tears",
+]
 
 
 class Expected(Strict):

@@ -14,6 +14,8 @@ from dynamics.scene import Scene
 
 #: Share of its first breadth below which a sail counts as collapsed.
 NARROW = 0.5
+#: How many times as far as in the first quarter of the flight a sail that swings wider and wider gets from the axis.
+WIDER = 2.0
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,10 @@ def events(flown: Flown) -> dict[str, float]:
     away = np.flatnonzero(np.hypot(*series["position"][:, :2].T) > flown.scene.beam.radius_m)
     if away.size or reason == "fly_away":
         found["leaves the beam"] = float(series["time"][away[0]]) if away.size else float(flown.end["end_time"])
+    distance = np.hypot(*series["position"][:, :2].T)
+    wide = np.flatnonzero(distance > WIDER * distance[: 1 + distance.size // 4].max())
+    if wide.size and not found:
+        found["swings wider and wider"] = float(series["time"][wide[0]])
     narrow = np.flatnonzero(flown.breadth < NARROW)
     if narrow.size:
         found["collapses"] = float(flown.frame_times[narrow[0]])
