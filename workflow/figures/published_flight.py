@@ -12,6 +12,7 @@ from drawing import BLUE, GREEN, ORANGE, PURPLE, RED, Floats, named, np, parser,
 from flown import Flown, outcome, read
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 from published import Expected, PublishedFlight, read_published
@@ -136,7 +137,8 @@ def _notes(axes: Axes, flights: dict[str, Flown], published: PublishedFlight) ->
 def draw(name: str, paths: dict[str, Path], rigid: dict[str, Floats] | None) -> Figure:
     """Three rows of panels: motion; tilt, temperature and strain; snapshots of the first of the flights."""
     flights = {source: read(path) for source, path in paths.items()}
-    figure = plt.figure(figsize=(14, 10.5))
+    # Padding: room for the labels of axes of equal scale
+    figure = plt.figure(figsize=(14, 10.5), layout=ConstrainedLayoutEngine(w_pad=0.15))
     path, distance, speed, notes = (figure.add_subplot(3, 4, i) for i in range(1, 5))
     _path(path, flights, rigid)
     _distance(distance, flights)
