@@ -1,10 +1,10 @@
-"""What accuracy costs in flexible flight, on tables of several tolerances. `snakemake accuracy_flight` asks for it."""
+"""What accuracy costs in flexible flight, on tables of several sources. `snakemake accuracy_flight` asks for it."""
 
 
 rule accuracy_flight:
     input:
         scene="workflow/scenes/fig6.yaml",
-        tables=[f"results/accuracy/{design}_{level}.h5" for level in LEVELS for design in ("mark1e_te", "mark1e_tm")],
+        tables=lambda wildcards: [path for paths in sets(wildcards).values() for path in paths],  # of accuracy_rigid.smk
         sources=sources("workflow/benchmarks/accuracy_flight.py"),
     output:
         csv="results/accuracy/flight.csv",
@@ -15,16 +15,7 @@ rule accuracy_flight:
     benchmark:
         "results/benchmarks/accuracy/flight.tsv"
     params:
-        tables=[
-            f"'modal {level}=results/accuracy/mark1e_te_{level}.h5,results/accuracy/mark1e_tm_{level}.h5'"
-            for level in LEVELS
-        ],
-        # FDTD tables count where they are there; nothing is solved for this.
-        fdtd=lambda wildcards: (
-            "'FDTD=results/tables/mark1e_te/fdtd.h5,results/tables/mark1e_tm/fdtd.h5'"
-            if all(os.path.exists(f"results/tables/mark1e_{cell}/fdtd.h5") for cell in ("te", "tm"))
-            else ""
-        ),
+        tables=lambda wildcards: [f"'{name}={','.join(paths)}'" for name, paths in sets(wildcards).items()],
     threads: 1
     resources:
         mem_mb=1000,
@@ -32,5 +23,5 @@ rule accuracy_flight:
     message:
         "What accuracy costs in flexible flight"
     shell:
-        "python workflow/benchmarks/accuracy_flight.py --scene {input.scene} --tables {params.tables} {params.fdtd}"
+        "python workflow/benchmarks/accuracy_flight.py --scene {input.scene} --tables {params.tables}"
         " --out {output.csv} --markdown {output.markdown} --png {output.png} > {log} 2>&1"
