@@ -254,6 +254,21 @@ def full_at(size: int) -> Callable[[], None]:
     return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
 
 
+def frames_full_at(size: int) -> Callable[[], None]:
+    """The same for the frames alone, whatever the size of a checkpoint."""
+    def prepare() -> None:
+        append, most = journal.Journal._append, resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+
+        def limited(self: journal.Journal, name: str, values: np.ndarray) -> None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (size if name == "frames" else most, most))
+            append(self, name, values)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+
+        journal.Journal._append = limited
+
+    return prepare
+
+
 def error(said: str) -> str:
     """The one line with which a run ended, apart from its bar of progress."""
     lines = [line for line in said.splitlines() if line and "step/s" not in line]
@@ -261,14 +276,15 @@ def error(said: str) -> str:
     return lines[0]
 
 
-@pytest.mark.parametrize(("size", "file", "kept"), [
-    (40_000, "checkpoint.npz", False), (90_000, "frames", True), (5_000, "frames", False),
+@pytest.mark.parametrize(("full", "file", "kept"), [
+    (full_at(40_000), "checkpoint.npz", False), (frames_full_at(30_000), "frames", True),
+    (frames_full_at(5_000), "frames", False),
 ])
 def test_files_that_cannot_grow_end_the_flight_in_one_line_and_it_goes_on_later(
-    tmp_path: Path, whole: tuple[dict[str, bytes], float], size: int, file: str, kept: bool
+    tmp_path: Path, whole: tuple[dict[str, bytes], float], full: Callable[[], None], file: str, kept: bool
 ):
     arguments, folder = write_inputs(tmp_path), tmp_path / "out" / "flight.vtkhdf.partial"
-    code, said = fly(arguments, full_at(size))
+    code, said = fly(arguments, full)
     assert (code, error(said)) == (2, f"error: {folder / file}: File too large")
     assert not (tmp_path / "out" / "flight.vtkhdf").exists()
     assert (folder / "checkpoint.npz").exists() == kept
@@ -281,11 +297,15 @@ def test_files_that_cannot_grow_end_the_flight_in_one_line_and_it_goes_on_later(
 def test_a_full_disk_ends_the_flight_in_one_line_and_it_goes_on_when_there_is_space(
     tmp_path: Path, disk: Callable[[int], Path], whole: tuple[dict[str, bytes], float]
 ):
-    """200 kB take a checkpoint (twice, for a moment) and a part of the frames."""
-    arguments, small_disk = write_inputs(tmp_path), disk(200)
+    """A disk that takes a checkpoint (twice, for a moment) and some of the frames."""
+    trial = membrane.Flight(SCENE, smooth_tables(), tmp_path / "trial")
+    trial.advance()
+    trial.checkpoint()
+    kilobytes = 2.2 * (tmp_path / "trial" / "checkpoint.npz").stat().st_size / 1024
+    arguments, small_disk = write_inputs(tmp_path), disk(round(kilobytes))
     out = small_disk / "flight.vtkhdf"
     limited = os.path.ismount(small_disk)
-    code, said = fly([*arguments[:-1], str(out)], (lambda: None) if limited else full_at(90_000))
+    code, said = fly([*arguments[:-1], str(out)], (lambda: None) if limited else frames_full_at(30_000))
     assert code == 2
     assert error(said).startswith(f"error: {out}.partial/")
     assert error(said).endswith("No space left on device" if limited else "File too large")
