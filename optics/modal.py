@@ -114,20 +114,21 @@ def choose_order(cell: Metagrating | LamellarStack, u: Floats, v: Floats, tolera
     raise InputError(f"tolerance = {tolerance:g}: not reached with ±{_LADDER[-3]} diffraction orders; allow more")
 
 
-def order_error(cell: Metagrating | LamellarStack, u: Floats, v: Floats, order: int) -> tuple[Floats, Floats]:
-    """Estimated error (n_u, n_v) of q from truncation at `order`: in the cell's own polarisation, and in any.
+def order_error(
+    cell: Metagrating | LamellarStack, u: Floats, v: Floats, order: int, q: Floats, q_stokes: Floats
+) -> tuple[Floats, Floats]:
+    """Estimated error (n_u, n_v) from truncation at `order` of q (n_u, n_v, 3), and of q_stokes (n_u, n_v, 4, 3).
 
-    0.45 of the changes from 0.7 and 0.6 of the orders and 0.2 of that from half. Errors fall between N⁻² and N⁻³,
+    The first is that in the cell's own polarisation, the second the largest in any. Half the changes from 0.7 and 0.6
+    of the orders and a quarter from half. Errors fall between N⁻² and N⁻³,
     with beats that depend on where the ridges lie: each change is one to seven times the error of `order`, but any one
     of them may vanish. `workflow/benchmarks/error_estimate.py` shows how often the sum covers the error.
     """
-    finest = solve(cell, u, v, order)
     own, every = np.full((2, u.size, v.size), 1e-13)
-    for share, weight in ((0.7, 0.45), (0.6, 0.45), (0.5, 0.2)):
+    for share, weight in ((0.7, 0.5), (0.6, 0.5), (0.5, 0.25)):
         coarser = solve(cell, u, v, int(np.ceil(share * order)))
-        own += weight * np.abs(coarser.q - finest.q).max(axis=-1)
-        stokes = np.moveaxis(coarser.q_stokes - finest.q_stokes, -2, 0)
-        every += weight * worst_polarisation(stokes).max(axis=-1)
+        own += weight * np.abs(coarser.q - q).max(axis=-1)
+        every += weight * worst_polarisation(np.moveaxis(coarser.q_stokes - q_stokes, -2, 0)).max(axis=-1)
     return own, every
 
 
@@ -138,7 +139,8 @@ def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, to
     refined = choose_nodes(cell, u_max, v_max, tolerance, order)
     found = refined.samples
     q, absorptance, q_stokes, absorptance_stokes = _apart(found.nodes)
-    error, error_stokes = refined.errors + order_error(cell, found.u, found.v, order)
+    nodes = np.moveaxis(q, 0, -1), np.moveaxis(q_stokes, (0, 1), (-2, -1))
+    error, error_stokes = refined.errors + order_error(cell, found.u, found.v, order, *nodes)
     cutoffs = Cutoffs(found.curves, *_apart(found.on_curves)) if len(found.curves) else None
     around = cell.surroundings
     lossless = around.back_k == 0 and all(epsilon.imag == 0 for _, epsilon in polygons(cell))

@@ -121,15 +121,18 @@ def test_convergence_is_algebraic_and_better_than_order_three_halves(fixture, re
 
 
 def test_the_error_estimate_covers_the_error(te, tm):
+    """In any polarisation, at whatever order: of the TM cell, whose errors beat with N, less than of the TE cell."""
     u, v = np.linspace(-0.4, 0.4, 21), np.array([0.0, 0.1, 0.3])
-    for cell in (te, tm):
-        few, many = (solve(cell, u, v, n) for n in (15, 50))
-        own = np.abs(few.q - many.q).max(-1)
-        worst = worst_polarisation(np.moveaxis(few.q_stokes - many.q_stokes, -2, 0)).max(-1)
-        assert np.all(worst >= own * (1 - 1e-9))
-        for true, estimate in zip((own, worst), order_error(cell, u, v, 15), strict=True):
-            assert np.mean(true <= estimate) >= 0.9
-            assert np.median(estimate / true) < 10
+    for cell, share in ((te, 0.95), (tm, 0.85)):
+        many = solve(cell, u, v, 60)
+        for order in (8, 10, 15, 22, 27):
+            few = solve(cell, u, v, order)
+            own = np.abs(few.q - many.q).max(-1)
+            worst = worst_polarisation(np.moveaxis(few.q_stokes - many.q_stokes, -2, 0)).max(-1)
+            assert np.all(worst >= own * (1 - 1e-9))
+            for true, estimate in zip((own, worst), order_error(cell, u, v, order, few.q, few.q_stokes), strict=True):
+                assert np.mean(true <= estimate) >= share
+                assert np.median(estimate / true) < 10
 
 
 def test_thick_layers_do_not_overflow(tm):

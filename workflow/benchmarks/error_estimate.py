@@ -42,9 +42,9 @@ def compare(cell: Metagrating, rng: np.random.Generator, tolerance: float) -> tu
     """Orders chosen, estimated and true errors (n,) at random directions."""
     u, v = rng.uniform(-RANGE, RANGE, 12), np.sort(rng.uniform(0.0, RANGE, 4))
     order = choose_order(cell, np.linspace(-RANGE, RANGE, 24), RANGE * np.array([0.0, 0.5, 1.0]), tolerance)
-    q = solve(cell, u, v, order).q
-    estimate, _ = order_error(cell, u, v, order)
-    return order, estimate.ravel(), np.abs(q - solve(cell, u, v, 120).q).max(axis=-1).ravel()
+    found = solve(cell, u, v, order)
+    estimate, _ = order_error(cell, u, v, order, found.q, found.q_stokes)
+    return order, estimate.ravel(), np.abs(found.q - solve(cell, u, v, 120).q).max(axis=-1).ravel()
 
 
 def main() -> None:
