@@ -41,13 +41,20 @@ def hottest_possible(scene: Scene, mesh: Mesh, heat: thermal.Heat, fails: bool) 
     is the lowest, but at least the temperatures of the start and of the surroundings.
     """
     flight, sail = scene.flight, scene.sail
-    absorptance = per_triangle(sail, mesh, "absorptance") if scene.absorptance == "material" else 1.0
-    light = scene.beam.intensity_W_m2 * absorptance if heat.absorbs else np.zeros(len(mesh.areas))
-    capacity = per_triangle(sail, mesh, "areal_mass") * per_triangle(sail, mesh, "heat_capacity_J_kgK")
+    materials = [region.properties for region in sail.regions]
+    most = np.array([m.highest("absorptance") for m in materials])[mesh.sector]
+    faces = np.array([m.lowest("emissivity_front") + m.lowest("emissivity_back") for m in materials])[mesh.sector]
+    light = np.zeros(len(mesh.areas))
+    if heat.absorbs:
+        light += scene.beam.intensity_W_m2 * (most if scene.absorptance == "material" else 1.0)
+    least = np.array([m.lowest("heat_capacity_J_kgK") for m in materials])[mesh.sector]
+    capacity = per_triangle(sail, mesh, "areal_mass") * least
     kept = flight.start_temperature_K + light * flight.duration_s * flight.thermal_rate / capacity
-    hottest = np.minimum(kept, (light / np.maximum(3.0 * heat.emission, 1e-300)) ** 0.25)
+    hottest = np.minimum(kept, (light / np.maximum(flight.stefan_boltzmann * faces, 1e-300)) ** 0.25)
     if fails:
         hottest = np.minimum(hottest, per_triangle(sail, mesh, "failure_temperature_K"))
+    if heat.conductance.size:  # heat may come from hotter neighbours
+        hottest = np.full_like(hottest, hottest.max())
     return np.maximum(hottest, max(flight.start_temperature_K, flight.background_temperature_K))
 
 

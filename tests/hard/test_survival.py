@@ -125,7 +125,9 @@ def same(folder: Path, whole: tuple[dict[str, bytes], float]) -> bool:
 def killed_at_random(folder: Path, seconds: float, kills: int, seed: int) -> int:
     """Kill a flight at random moments until so many kills hit, then let it end; how many found a checkpoint."""
     arguments, draw, hits, resumed = write_inputs(folder), random.Random(seed), 0, 0
-    while hits < kills:
+    for _ in range(10 * kills):
+        if hits == kills:
+            break
         child = fork(arguments)
         time.sleep(draw.uniform(0.0, 0.8 * seconds))
         os.kill(child.process, signal.SIGKILL)
@@ -134,6 +136,7 @@ def killed_at_random(folder: Path, seconds: float, kills: int, seed: int) -> int
             continue
         hits += 1
         resumed += (folder / "out" / "flight.vtkhdf.partial" / "checkpoint.npz").exists()
+    assert hits == kills
     assert fly(arguments)[0] == 0
     return resumed
 

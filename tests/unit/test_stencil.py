@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics.kernels import elastic, sheet, stencil
+from dynamics.kernels import elastic, optical, sheet, stencil, triangles
 from dynamics.membrane import Flight
 from dynamics.shapes import lattice_points
-from tests.membranes import dark
+from tests.membranes import dark, film
 
 OUTLINES = ["round", "hexagonal", "square"]
 
@@ -60,3 +60,25 @@ def test_a_node_that_is_not_finite_is_noticed(tmp_path: Path, kind: str, value: 
     assert both(flight, x)[1] == 0
     x[1, 7] = value
     assert both(flight, x)[1] > 0
+
+
+@pytest.mark.parametrize("outline", OUTLINES)
+def test_held_light_pushes_each_node_as_its_triangles_are_pushed(tmp_path: Path, outline: str):
+    flight = Flight(dark(5, sail={"outline": outline, "sectors": film()}, beam={"intensity_W_m2": 1e9}), {}, tmp_path)
+    m, w, rng = flight.model, flight.work, np.random.default_rng(0)
+    x = m.rest + 1e-2 * rng.standard_normal(m.rest.shape)
+    w.light.held[...] = rng.standard_normal(w.light.held.shape)
+    pulled, pushed, total = np.empty_like(x), np.empty_like(x), np.zeros(3)
+    stencil.pull(m.stencil, w.stencil, x)
+    stencil.accelerations(m.stencil, w.stencil, np.ones(x.shape[1]), pulled)
+    stencil.hold(m.stencil, w.light.held, w.stencil.held)
+    stencil.push(m.stencil, w.stencil, 0.7, total)
+    stencil.accelerations(m.stencil, w.stencil, np.ones(x.shape[1]), pushed)
+    triangles.sides(x, m.triangles.corners, w.sides)
+    optical.turn(w.light, w.sides, 0.7)
+    want = np.zeros_like(x)
+    for corner in m.triangles.corners:
+        for c in range(3):
+            np.add.at(want[c], corner, w.light.force[c, :-1])
+    assert np.abs(pushed - pulled - want).max() < 1e-14 * np.abs(pulled).max() + 1e-13 * np.abs(want).max()
+    assert np.abs(total - want.sum(axis=1)).max() < 1e-13 * np.abs(want).max()

@@ -29,7 +29,7 @@ from dynamics.kernels.record import WIDTH
 from dynamics.kernels.step import run
 from dynamics.membrane import Flight
 from dynamics.scene import Scene, read_scene
-from optics.files import atomic
+from optics.files import atomic, run_stage
 from optics.table import PressureTable
 
 SCENES = Path(__file__).parents[1] / "scenes"
@@ -111,7 +111,8 @@ def dark(base: Scene, rings: int, **flight: Any) -> Scene:
 
 def started(given: Scene, tables: dict[str, PressureTable]) -> Flight:
     """A flight that has been lit for some steps."""
-    flight = Flight(given, tables, Path(tempfile.mkdtemp()))
+    with tempfile.TemporaryDirectory() as folder:
+        flight = Flight(given, tables, Path(folder))
     flight.state.x[...] *= 1.0 + 1e-5
     flight.step = flight.model.release + 16
     steps(flight, 16, True)
@@ -269,4 +270,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

@@ -12,7 +12,7 @@ from matplotlib.ticker import NullFormatter
 from optics.files import InputError, run_stage
 from optics.table import PressureTable
 
-MARKERS = ("o", "s", "^", "D")
+MARKERS = ("o", "s", "^", "D", "v", "P")
 COLUMNS = ("u", "v", "q_g", "q_n", "error", "seconds", "finest")
 
 

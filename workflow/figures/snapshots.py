@@ -48,8 +48,8 @@ def read(path: Path) -> list[Snapshot]:
         n, m = int(grid["NumberOfPoints"][0]), int(grid["NumberOfCells"][0])
         triangles = grid["Connectivity"][: 3 * m].reshape(m, 3)
         starts = [(int(steps["PointOffsets"][i]), int(steps["CellDataOffsets/temperature"][i])) for i in chosen]
-        failed = grid.get("CellData/failed", np.zeros(cells.shape))
-        left = [failed[c : c + m] == 0 for _, c in starts]
+        # What has been removed has no strain; what has failed and was only recorded is still there.
+        left = [~np.isnan(grid["CellData/strain"][c : c + m]) for _, c in starts]
         return [
             Snapshot(times[i], grid["Points"][p : p + n], triangles[kept], cells[c : c + m][kept])
             for i, (p, c), kept in zip(chosen, starts, left, strict=True)
