@@ -33,6 +33,7 @@ Outcome = Literal[
 class Expected(Strict):
     """One published number or outcome: as printed, and from `low` to `high` what agrees with it; `at_s`: at that time.
 
+    outcomes: one of these must happen; also: what may come with it. Nothing else may.
     Units are those of the table of results: s, m, °, K, m/s; strain as a fraction.
     """
 
@@ -42,6 +43,7 @@ class Expected(Strict):
     high: float | None = None
     at_s: float | None = None
     outcomes: list[Outcome] = []
+    also: list[Outcome] = []
 
     @model_validator(mode="after")
     def _consistent(self) -> Expected:

@@ -89,6 +89,21 @@ def flights(tmp_path_factory):
     return paths
 
 
+@pytest.mark.parametrize(
+    ("distance", "start"),
+    [
+        (lambda t: 0.115 - 0.065 * np.cos(2 * np.pi * t / 8.0), None),  # a bounded beat
+        (lambda t: 1e-15 * np.exp(t), None),  # rounding on the axis
+        (lambda t: 0.05 * np.exp(0.8 * t), 1.25 + np.log(2.0) / 0.8),
+    ],
+)
+def test_only_swings_that_grow_are_called_growing(monkeypatch, distance, start):
+    monkeypatch.syspath_prepend(ROOT / "workflow" / "figures")
+    t = np.linspace(0.0, 5.0, 2001)
+    found = runpy.run_path(str(ROOT / "workflow" / "figures" / "flown.py"))["_widening"](distance(t), 0.4)
+    assert found is None if start is None else t[found] == pytest.approx(start, abs=5e-3)
+
+
 def test_figure_of_a_published_flight(flights, tmp_path):
     png, svg = tmp_path / "figure.png", tmp_path / "figure.svg"
     given = [f"modal={flights['rides']}", f"published={flights['lost']}"]
@@ -109,6 +124,8 @@ def test_table_of_published_flights(flights, tmp_path):
     assert found["modal", "outcome"] == "yes"
     assert found["published", "outcome"] == "no"
     assert found["modal", "peak temperature"] == "no"  # after a millisecond
+    assert found["modal", "largest tilt"] == "yes"
+    assert found["published", "largest tilt"] == "no"  # it is not the largest of a flight that was lost
     assert all(row["paper"] for row in rows if row["agrees"])
     assert "| Fig. 6 | fig6 | modal | 2 | " in text.read_text(encoding="utf-8")
     assert "<td>peak temperature</td>" in page.read_text(encoding="utf-8")

@@ -14,8 +14,11 @@ from dynamics.scene import Scene
 
 #: Share of its first breadth below which a sail counts as collapsed.
 NARROW = 0.5
-#: How many times as far as in the first quarter of the flight a sail that swings wider and wider gets from the axis.
-WIDER = 2.0
+#: How many times as far as in each earlier quarter of the flight a sail that swings wider and wider gets from the axis
+#: in the last one, and the share of the beam's radius that it then gets at least.
+WIDER, FAR = 2.0, 1e-2
+#: End reasons that have an event of their own, or none.
+_KNOWN = ("finished", "fly_away", "tensile_failure", "thermal_failure", "left_table")
 
 
 @dataclass(frozen=True)
@@ -64,10 +67,9 @@ def events(flown: Flown) -> dict[str, float]:
     away = np.flatnonzero(np.hypot(*series["position"][:, :2].T) > flown.scene.beam.radius_m)
     if away.size or reason == "fly_away":
         found["leaves the beam"] = float(series["time"][away[0]]) if away.size else float(flown.end["end_time"])
-    distance = np.hypot(*series["position"][:, :2].T)
-    wide = np.flatnonzero(distance > WIDER * distance[: 1 + distance.size // 4].max())
-    if wide.size and not found:
-        found["swings wider and wider"] = float(series["time"][wide[0]])
+    start = _widening(np.hypot(*series["position"][:, :2].T), flown.scene.beam.radius_m)
+    if start is not None and not found:
+        found["swings wider and wider"] = float(series["time"][start])
     narrow = np.flatnonzero(flown.breadth < NARROW)
     if narrow.size:
         found["collapses"] = float(flown.frame_times[narrow[0]])
@@ -77,7 +79,19 @@ def events(flown: Flown) -> dict[str, float]:
         found["tears"] = float(flown.end["end_time"])
     if reason == "left_table":
         found["tips over"] = float(flown.end["end_time"])
+    if reason not in _KNOWN:
+        found[f"ends ({reason})"] = float(flown.end["end_time"])
     return dict(sorted(found.items(), key=lambda item: item[1]))
+
+
+def _widening(distance: Floats, radius: float) -> int | None:
+    """Where a sail that swings wider and wider first gets WIDER times as far as in the first quarter; None if not."""
+    if distance.size < 4:
+        return None
+    most = np.array([part.max() for part in np.array_split(distance, 4)])
+    if most[3] < FAR * radius or np.any(most[3] < WIDER * most[:3]):
+        return None
+    return int(np.flatnonzero(distance > WIDER * most[0])[0])
 
 
 def outcome(flown: Flown) -> str:
