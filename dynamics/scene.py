@@ -211,8 +211,8 @@ class Flight(Strict):
     """Flexible flight. Time starts at −spin_up; light and release are at t = 0.
 
     time_step_s: null for 0.8 of the stability bound of the mesh. optics_every, heat_every: steps between updates of the
-    optical coefficients and of the temperatures. spin_up_s: null for the published |f|/(1801.8 max(|f|/100 Hz, Γ)), Γ =
-    10 for flat sails, 2 for curved ones.
+    optical coefficients, which are those of the middle of that time, and of the temperatures. spin_up_s: null for the
+    published |f|/(1801.8 max(|f|/100 Hz, Γ)), Γ = 10 for flat sails, 2 for curved ones.
     stiffness: 'triangles' of constant strain, or springs along the edges: 'van_gelder' with Poisson's ratio, 'lattice'.
     Triangles tear where the larger principal stress reaches the strength, springs where their strain reaches strength
     over Young's modulus. rim_factor: for springs only. on_failure: 'stop' ends the flight; 'record' counts the failed

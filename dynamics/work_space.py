@@ -71,5 +71,6 @@ def work_space(model: step.Model, on_failure: str = "stop") -> step.Work:
         light=_light_work(model.light.absorptance),
         mirror=_mirror_work(model.mirror), broken=_broken(on_failure, t), heat=heat,
         flags=np.zeros(2, np.int64), gain=np.zeros(1),
+        ahead=np.zeros((3, n if model.lit and model.optics_every > 1 else 0)),
         stage=integrators.Stage(*np.zeros((4, 3, stages)), *np.zeros((2, stages if model.warm else 0))),
     )

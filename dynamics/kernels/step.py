@@ -36,7 +36,7 @@ from dynamics.kernels.optical import Light, LightWork
 from dynamics.kernels.properties import Curves
 from dynamics.kernels.reflections import Mirror, MirrorWork
 from dynamics.kernels.sheet import Sheet, SheetWork
-from dynamics.kernels.spin import SpinUp, kick
+from dynamics.kernels.spin import SpinUp, foresee, kick
 from dynamics.kernels.stencil import Stencil, StencilWork
 from dynamics.kernels.tearing import Broken
 from dynamics.kernels.thermal import Heat, HeatWork
@@ -81,7 +81,8 @@ class Work(NamedTuple):
     """Work space: free lengths (e,) in m, pull (3, 2e + 1), acceleration (3, n), sides (6, t), and that of the effects.
 
     sheet: that of elastic triangles. flags: [1 if the held light is valid, failed edge or triangle]. gain (1,): the
-    ramp at the latest evaluation. stage: arrays of rk4, empty for the others.
+    ramp at the latest evaluation. ahead (3, n): nodes in the middle of the time over which light is held, empty where it
+    is renewed at every step. stage: arrays of rk4, empty for the others.
     """
 
     free: Floats
@@ -97,13 +98,21 @@ class Work(NamedTuple):
     heat: HeatWork
     flags: NDArray[np.int64]
     gain: Floats
+    ahead: Floats
     stage: Stage
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _light_up(model: Model, work: Work, x: Floats, temperature: Floats) -> int:
-    """Add the light's forces, with new coefficients if flags[0] is 0; INTACT or LEFT_TABLE."""
+def _light_up(model: Model, work: Work, x: Floats, v: Floats, temperature: Floats) -> int:
+    """Add the light's forces, with new coefficients if flags[0] is 0; INTACT or LEFT_TABLE.
+
+    What is held over k steps is that of the middle of them, (k − 1)/2 steps ahead: late coefficients would be an error
+    of first order.
+    """
     if work.flags[0] == 0:
+        if model.optics_every > 1:
+            foresee(model.masses, x, v, 0.5 * (model.optics_every - 1) * model.dt, work.ahead)
+            x = work.ahead
         triangles.sides(x, model.triangles.corners, work.sides)
         properties.absorb(model.curves.absorption, model.light.corners, temperature, work.light.absorptance)
         optical.refresh(model.light, work.light, x, work.sides)
@@ -194,7 +203,7 @@ def evaluate(
     if renew or gain == 0.0:
         work.flags[0] = 0
     if gain > 0.0:
-        code = _light_up(model, work, x, temperature)
+        code = _light_up(model, work, x, v, temperature)
         if code != failure.INTACT:
             return code
     stencil.accelerations(model.stencil, work.stencil, model.per_mass, work.acceleration)

@@ -171,9 +171,8 @@ def test_the_same_flight_gives_the_same_bits_however_it_is_cut(integrator: str, 
     assert np.array_equal(cut.state.temperature, whole.state.temperature)
 
 
-def test_the_error_of_held_light_grows_with_its_delay():
-    """Coefficients held over j steps are (j − 1)/2 steps late on average: 1 : 3 : 7, and small."""
+def test_light_held_over_steps_is_that_of_their_middle():
+    """Nothing is late by half of the time that it is held for."""
     ends = {j: final(small(flight={"duration_s": 2e-3, "optics_every": j, "heat_every": 1}))[0] for j in (1, 2, 4, 8)}
     errors = np.array([np.abs(ends[j] - ends[1]).max() for j in (2, 4, 8)])
-    assert np.allclose(errors / errors[0], [1.0, 3.0, 7.0], rtol=0.05)
-    assert errors[1] < 5e-6
+    assert np.all(errors < [4e-8, 1.5e-7, 4e-7])
