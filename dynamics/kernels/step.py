@@ -81,8 +81,8 @@ class Work(NamedTuple):
     """Work space: free lengths (e,) in m, pull (3, 2e + 1), acceleration (3, n), sides (6, t), and that of the effects.
 
     sheet: that of elastic triangles. flags: [1 if the held light is valid, failed edge or triangle]. gain (1,): the
-    ramp at the latest evaluation. ahead (3, n): nodes in the middle of the time over which light is held, empty where it
-    is renewed at every step. stage: arrays of rk4, empty for the others.
+    ramp at the latest evaluation. ahead (3, n): nodes in the middle of the time over which light is held, empty where
+    it is renewed at every step. stage: arrays of rk4, empty for the others.
     """
 
     free: Floats
