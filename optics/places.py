@@ -139,7 +139,7 @@ def find_band(p: Parts, u: float, v: float, bucket: int, root_0: float, root_1: 
     lines = p.lines + slab * (p.many * LINE)
     e = 0
     for other in range(1, p.many - 1):
-        e += u >= _line_at(n, lines + LINE * other, root_0, root_1)
+        e += u > _line_at(n, lines + LINE * other, root_0, root_1)  # never beyond the edge of the window
     line = lines + LINE * e
     a = _line_at(n, line, root_0, root_1)
     width = _line_at(n, line + LINE, root_0, root_1) - a

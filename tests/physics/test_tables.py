@@ -51,6 +51,14 @@ def test_values_beside_a_cutoff_are_the_solver_s(made):
             assert np.abs(table.q(near, b) - exact).max() < 2 * TOLERANCE
 
 
+def test_every_node_has_its_value(made):
+    """On the edges of the window too, and where cut-offs leave it there; 1e-8 beside them in τ."""
+    table, _ = made
+    found = table.q(table.u[:, None], table.v)
+    assert np.abs(found - np.moveaxis(table.q_nodes, 0, -1))[[0, -1]].max() < 1e-6
+    assert np.quantile(np.abs(found - np.moveaxis(table.q_nodes, 0, -1)), 0.999) < TOLERANCE
+
+
 def test_q_is_continuous_across_cutoffs_and_where_the_range_of_v_is_split(made):
     table, _ = made
     curves = table.cutoffs.curves
