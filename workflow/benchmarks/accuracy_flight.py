@@ -32,6 +32,7 @@ from optics.table import PressureTable
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+from matplotlib.ticker import NullFormatter
 
 Tables = dict[str, PressureTable]
 
@@ -160,6 +161,7 @@ def draw(path: Path, found: list[Row], title: str) -> None:
             axes.loglog([row.seconds for row in chosen], [getattr(row, name) for row in chosen], mark, label=knob)
             for row in chosen:
                 axes.annotate(row.setting, (row.seconds, getattr(row, name)), fontsize=6, rotation=20)
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set(xlabel="CPU time of one second of flight (s)", ylabel=label)
     every[0].legend()
     figure.suptitle(f"{title}, first {DURATION:g} s; {RINGS} rings but for the rings' own row")
