@@ -135,7 +135,8 @@ def test_a_stage_that_is_started_again_keeps_its_rows(te, apart, tmp_path):
 @pytest.mark.parametrize(("u", "v"), [(0.122, 0.0), (-0.09, 0.09)])
 def test_the_resonance_is_resolved_by_the_finest_pair(tm, apart, u, v):
     # At 20 and 40 pixels per µm the resonance is off by more than its width: q errs by 0.1, the absorptance by 70 %.
-    result = apart(solve_direction, tm, u, v, FdtdSettings())
+    # As the tables are made: at 1e-2 the second direction is left at 15 per wavelength, its absorptance 5 % off.
+    result = apart(solve_direction, tm, u, v, FdtdSettings(tolerance=5e-3))
     exact = modal.solve(tm, np.array([u]), np.array([v]), 40)
     assert np.abs(result.q - exact.q[0, 0]).max() < 1e-2
     assert result.absorptance == pytest.approx(exact.absorptance[0, 0], rel=0.03)
