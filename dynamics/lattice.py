@@ -27,7 +27,7 @@ def lump(mesh: Mesh, per_area: Floats) -> Floats:
     return np.asarray(np.bincount(mesh.triangles.ravel(), share, minlength=len(mesh.nodes)), dtype=float)
 
 
-def _over_edges(mesh: Mesh, contribution: Floats) -> Floats:
+def over_edges(mesh: Mesh, contribution: Floats) -> Floats:
     """Sums (e,) over the triangles beside each edge of `contribution` (t, 3) for the sides 01, 12, 20."""
     sums = np.bincount(mesh.triangle_edges.ravel(), contribution.ravel(), minlength=len(mesh.edges))
     return np.asarray(sums, dtype=float)
@@ -51,7 +51,7 @@ def stiffness(sail: Sail, mesh: Mesh, form: str, rim_factor: float = 1.0) -> Flo
     area_term = mesh.areas[:, None] / mesh.lengths[mesh.triangle_edges] ** 2
     if form == "van_gelder":
         area_term = area_term / (1.0 + poisson) + poisson / (1.0 - poisson**2) * _half_cotangent(mesh)
-    k = _over_edges(mesh, membrane[:, None] * area_term)
+    k = over_edges(mesh, membrane[:, None] * area_term)
     return np.asarray(np.where(mesh.rim, rim_factor, 1.0) * k)
 
 
@@ -79,18 +79,19 @@ def sheet_modulus(sail: Sail, mesh: Mesh) -> Floats:
 
 
 def conductance(sail: Sail, mesh: Mesh, form: str) -> Floats:
-    """Heat conductances (e,) in W/K of the edges.
+    """Heat conductances (t, 3) in W/K that each triangle gives its sides 01, 12, 20; an edge has those of both.
 
-    'cotangent': κ h ½ cot over both triangles, Fourier's law for linear fields (Pinkall & Polthier, Exp. Math. 2 (1993)
-    15). 'area': κ h A/L² over both triangles. 'first_triangle' (published): the same over the first triangle only.
+    'cotangent': κ h ½ cot, Fourier's law for linear fields (Pinkall & Polthier, Exp. Math. 2 (1993) 15). 'area':
+    κ h A/L². 'first_triangle' (published): the same, but nothing from the second triangle of an edge.
     """
     sheet = per_triangle(sail, mesh, "conductivity_W_mK") * per_triangle(sail, mesh, "thickness_m")
     if form == "cotangent":
-        return _over_edges(mesh, sheet[:, None] * _half_cotangent(mesh))
+        return np.asarray(sheet[:, None] * _half_cotangent(mesh))
+    share = sheet[:, None] * mesh.areas[:, None] / mesh.lengths[mesh.triangle_edges] ** 2
     if form == "area":
-        return _over_edges(mesh, sheet[:, None] * mesh.areas[:, None] / mesh.lengths[mesh.triangle_edges] ** 2)
-    first = mesh.edge_triangles[:, 0]
-    return np.asarray(sheet[first] * mesh.areas[first] / mesh.lengths**2)
+        return np.asarray(share)
+    first = mesh.edge_triangles[:, 0][mesh.triangle_edges] == np.arange(len(share))[:, None]
+    return np.where(first, share, 0.0)
 
 
 def over_adjacent(mesh: Mesh, values: Floats, how: str) -> Floats:
@@ -104,13 +105,15 @@ def over_adjacent(mesh: Mesh, values: Floats, how: str) -> Floats:
 class Lattice:
     """Node masses (n,) kg and heat capacities (n,) J/K; spring constants, conductances, expansion and limits (e,).
 
-    Where triangles carry the load, the spring constants are empty.
+    Where triangles carry the load, the spring constants are empty. conductance_shares (t, 3): of the conductances, what
+    each triangle gives its sides 01, 12, 20.
     """
 
     masses: Floats
     heat_capacities: Floats
     stiffness: Floats
     conductance: Floats
+    conductance_shares: Floats
     expansion: Floats
     limit_strain: Floats
     limit_temperature: Floats
@@ -124,11 +127,13 @@ def lattice(sail: Sail, mesh: Mesh, flight: Flight) -> Lattice:
         expansion = np.full_like(expansion, flight.expansion_1_K)
     triangles = flight.stiffness == "triangles"
     springs = np.empty(0) if triangles else stiffness(sail, mesh, flight.stiffness, flight.rim_factor)
+    shares = conductance(sail, mesh, flight.conductance)
     return Lattice(
         masses=lump(mesh, areal_mass),
         heat_capacities=lump(mesh, areal_mass * per_triangle(sail, mesh, "heat_capacity_J_kgK")),
         stiffness=springs,
-        conductance=conductance(sail, mesh, flight.conductance),
+        conductance=over_edges(mesh, shares),
+        conductance_shares=shares,
         expansion=expansion,
         limit_strain=over_adjacent(mesh, per_triangle(sail, mesh, "limit_strain"), "min"),
         limit_temperature=over_adjacent(mesh, per_triangle(sail, mesh, "failure_temperature_K"), "min"),

@@ -67,7 +67,9 @@ class Flight:
         self.membrane: Membrane = build(scene, tables)
         self.model = self.membrane.model
         self.state: State = initial_state(self.membrane)
-        self.work: Work = work_space(self.model, scene.flight.on_failure)
+        self.work: Work = work_space(
+            self.model, scene.flight.on_failure, self.membrane.lattice.conductance_shares
+        )
         self.step, self.fresh = 0, True
         self._wall, self._watch, self._saved = 0.0, Stopwatch(), Stopwatch()
         n = self.model.masses.size

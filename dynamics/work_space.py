@@ -9,6 +9,9 @@ from dynamics.mesh import Floats
 from dynamics.model import Membrane
 from dynamics.stencil import stencil_work
 
+#: Shares of the conductance of a sail that is never torn.
+NONE = np.empty((0, 3))
+
 
 def initial_state(membrane: Membrane) -> integrators.State:
     """At rest, centred, at the start temperature."""
@@ -36,16 +39,22 @@ def _mirror_work(mirror: reflections.Mirror) -> reflections.MirrorWork:
     )
 
 
-def _broken(on_failure: str, size: int) -> tearing.Broken:
-    """Nothing failed yet, of `size` triangles."""
+def _broken(model: step.Model, on_failure: str, shares: Floats) -> tearing.Broken:
+    """Nothing failed yet; shares (t, 3): of the conductance."""
+    size = model.triangles.masses.size
     failed, gone = (size if on_failure != "stop" else 0), (size if on_failure == "remove" else 0)
+    conducts = gone > 0 and model.heat.conductance.size > 0 and model.curves.conduction.region.size == 0
     return tearing.Broken(
-        np.zeros(failed, np.int64), np.zeros(gone, np.int64), np.zeros(4, np.int64), np.zeros(4)
+        np.zeros(failed, np.int64), np.zeros(gone, np.int64), np.zeros(4, np.int64), np.zeros(4),
+        shares.T.ravel() if conducts else np.empty(0),
     )
 
 
-def work_space(model: step.Model, on_failure: str = "stop") -> step.Work:
-    """Work arrays for a model; those of effects that are off, and of rk4 where it is not used, are empty."""
+def work_space(model: step.Model, on_failure: str = "stop", shares: Floats = NONE) -> step.Work:
+    """Work arrays for a model; those of effects that are off, and of rk4 where it is not used, are empty.
+
+    shares (t, 3): what each triangle gives its sides of their conductance in W/K; only needed to 'remove' triangles.
+    """
     n, m, t = model.masses.size, model.springs.start.size, model.triangles.masses.size
     stages = n if model.integrator == integrators.RK4 else 0
     heat = thermal.HeatWork(
@@ -69,7 +78,7 @@ def work_space(model: step.Model, on_failure: str = "stop") -> step.Work:
         stencil=stencil_work(model.stencil, model.springs, model.sheet, model.lit), damping=viscous,
         pull=np.zeros((3, 2 * m + 1)), acceleration=np.zeros((3, n)), sides=np.zeros((6, t)),
         light=_light_work(model.light.absorptance),
-        mirror=_mirror_work(model.mirror), broken=_broken(on_failure, t), heat=heat,
+        mirror=_mirror_work(model.mirror), broken=_broken(model, on_failure, shares), heat=heat,
         flags=np.zeros(2, np.int64), gain=np.zeros(1),
         ahead=np.zeros((3, n if model.lit and model.optics_every > 1 else 0)),
         stage=integrators.Stage(*np.zeros((4, 3, stages)), *np.zeros((2, stages if model.warm else 0))),

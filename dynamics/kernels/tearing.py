@@ -25,13 +25,16 @@ class Broken(NamedTuple):
     """Failed triangles; no arrays where the first failure ends the flight.
 
     failed (t,): 1 once a triangle has failed. gone (t,): 1 once it is removed; empty where none is. tally (4,): see
-    above. first (4,): time in s and place in m of the first failure.
+    above. first (4,): time in s and place in m of the first failure. conductance (3t,): what each triangle gives its
+    sides in W/K, side by side as in `Sheet.sides`; empty where nothing is removed or conducts, or where conductivity
+    changes with temperature, as conductance is then summed anew at every update.
     """
 
     failed: NDArray[np.int64]
     gone: NDArray[np.int64]
     tally: NDArray[np.int64]
     first: Floats
+    conductance: Floats
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -47,20 +50,19 @@ def _note(broken: Broken, i: int, kind: int, t: float, x: Floats, springs: Sprin
 
 @numba.njit(cache=True, error_model="numpy")
 def _remove(broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: LightWork, i: int) -> None:
-    """Take triangle i out: it carries, absorbs, reflects and emits nothing; edges left alone conduct nothing."""
+    """Take triangle i out: it carries, absorbs, reflects, emits and conducts nothing any more."""
     size = model.modulus.size
     broken.gone[i] = 1
     work.modulus[i], work.shear[i] = 0.0, 0.0
     if heat.emission.size > 0:
         heat.emission[i] = 0.0
-    if heat.conductance.size > 0:
+    if broken.conductance.size > 0:
         for c in range(3):
             side = model.sides[c * size + i]
-            alone = True
+            heat.conductance[side] = 0.0
             for place in model.slots[:, side]:
-                alone = alone and (place >= 3 * size or broken.gone[place % size] != 0)
-            if alone:
-                heat.conductance[side] = 0.0
+                if place < 3 * size and broken.gone[place % size] == 0:
+                    heat.conductance[side] += broken.conductance[place]
     darken(broken, light, i)
 
 

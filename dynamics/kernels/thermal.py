@@ -32,8 +32,7 @@ class Heat(NamedTuple):
 class HeatWork(NamedTuple):
     """Work space: rate (n,) in K/s, emitting (t + 1,): emission × current area, flow (2e + 1,) in W; last entries 0.
 
-    emission (t,), conductance (e,): those of the sail as it is now, without what has been removed; an edge conducts
-    until both of its triangles are gone, but where conductivity changes with temperature each has its share.
+    emission (t,), conductance (e,): those of the sail as it is now, without what has been removed.
     per_capacity (n,): nodes keep the heat capacity that they had.
     """
 

@@ -13,7 +13,7 @@ from scipy.special import j0, j1, jn_zeros
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from dynamics import lattice
-from dynamics.kernels import sheet
+from dynamics.kernels import sheet, tearing, thermal
 from dynamics.kernels.record import WIDTH
 from dynamics.kernels.step import run
 from dynamics.membrane import Flight, fly
@@ -322,3 +322,35 @@ def test_what_burns_is_removed_and_takes_no_more_light():
     assert series["failed_thermal"][-1] == gone.sum() == 48
     assert series["power_absorbed"][-1] == 0.0
     assert series["power_incident"][-1] == pytest.approx(0.5 * series["power_incident"].max(), rel=1e-2)
+
+
+def test_half_a_strip_conducts_half_as_much(tmp_path: Path):
+    """T = 400 + 100 x: heat κ h b |∇T| crosses a sheet of breadth b, half of it once the half y > 0 is removed."""
+    cold = film(emissivity_front=0.0, emissivity_back=0.0)
+    scene = dark(
+        6, sail={"outline": "square", "rotation_deg": 0.0, "sectors": cold}, flight={"on_failure": "remove"},
+        effects={"conduction": True, "thermal_failure": False},
+    )
+    flight = Flight(scene, {}, tmp_path)
+    model, work, state = flight.model, flight.work, flight.state
+    state.temperature[...] = 400.0 + 100.0 * model.rest[0]
+    capacity, left = 1.0 / model.heat.per_capacity, model.rest[0] < -1e-9
+
+    def flow() -> float:
+        """W into the half x < 0, which touches x = 0 along edges only."""
+        thermal.rates(
+            model.heat, work.heat, model.springs, model.triangles.slots, work.sides, state.temperature,
+            work.light.absorbed, 0.0,
+        )
+        return float(np.sum((capacity * work.heat.rate)[left]))
+
+    breadth = np.ptp(model.rest[1])
+    assert flow() == pytest.approx(3.0 * 400e-9 * breadth * 100.0, rel=1e-12)
+    for half, share in ((1.0, 0.5), (-1.0, 0.0)):
+        work.sheet.limit[half * model.rest[1][model.triangles.corners].mean(axis=0) > 0.0] = -1.0
+        tearing.tear(
+            work.broken, model.sheet, work.sheet, work.heat, work.light, model.springs, state.x, work.pull, 0.0
+        )
+        assert flow() == pytest.approx(share * 3.0 * 400e-9 * breadth * 100.0, rel=1e-12)
+    assert work.broken.gone.all()
+    assert not work.heat.conductance.any()

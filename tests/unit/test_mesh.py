@@ -126,7 +126,7 @@ def test_conduction_through_a_linear_field(form: str, low: float, high: float):
     temperature = m.nodes @ np.array([3.0, -2.0, 0.0])
     sheet = lattice.per_triangle(SAIL, m, "conductivity_W_mK") * lattice.per_triangle(SAIL, m, "thickness_m")
     drop = temperature[m.edges[:, 1]] - temperature[m.edges[:, 0]]
-    share = (lattice.conductance(SAIL, m, form) @ drop**2) / (13.0 * sheet @ m.areas)
+    share = (lattice.over_edges(m, lattice.conductance(SAIL, m, form)) @ drop**2) / (13.0 * sheet @ m.areas)
     assert low * (1 - 1e-12) <= share <= high * (1 + 1e-12)
 
 
