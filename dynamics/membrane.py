@@ -291,7 +291,8 @@ def main() -> None:
     given = stage_arguments("dynamics.membrane", main.__doc__, "VTKHDF file to write", options=more)
     out = Path(given.out)
     scene = read_scene(given.scene)
-    require_own_polarisation(scene, "a flexible flight")
+    if scene.reflections.polarisation != "tracked":
+        require_own_polarisation(scene, "a flexible flight without reflections.polarisation: tracked")
     tables = load_tables(given.tables, scene)
     check_release(scene, tables)
     if given.plan:

@@ -14,6 +14,7 @@ from dynamics.kernels import (
     elastic,
     integrators,
     optical,
+    polarisation,
     reflections,
     sheet,
     spin,
@@ -182,7 +183,23 @@ def _light(scene: Scene, mesh: Mesh, tables: dict[str, PressureTable], effects: 
     )
 
 
-def _mirror(scene: Scene, mesh: Mesh, tables: dict[str, PressureTable], effects: Plan) -> reflections.Mirror:
+def _polariser(
+    scene: Scene, mesh: Mesh, lat: Lattice, tables: dict[str, PressureTable], on: bool
+) -> polarisation.Polariser:
+    """The beam's field and the films' amplitudes, if polarisation is tracked; InputError where a table has none."""
+    beam, tracked = scene.beam, on and scene.reflections.polarisation == "tracked"
+    films = [part for design in scene.sail.designs if tracked for part in tables[design].amplitude_arrays()]
+    arms = lat.masses * centred(mesh, lat.masses)[:, :2].T
+    return polarisation.Polariser(
+        tracked=tracked, films=_tables(films, False), angle=math.radians(beam.polarisation_deg),
+        rate=2.0 * math.pi * beam.polarisation_Hz,
+        arms=np.ascontiguousarray(arms if tracked and beam.polarisation == "sail" else arms[:, :0]),
+    )
+
+
+def _mirror(
+    scene: Scene, mesh: Mesh, lat: Lattice, tables: dict[str, PressureTable], effects: Plan
+) -> reflections.Mirror:
     """The sail as mirrors; InputError where a region is a grating, which throws light in more than one direction."""
     on, given, designs = effects["light"].on and effects["reflections"].on, scene.reflections, scene.sail.designs
     gratings = [design for design in designs if on and not tables[design].axisymmetric]
@@ -197,6 +214,7 @@ def _mirror(scene: Scene, mesh: Mesh, tables: dict[str, PressureTable], effects:
         tree=tree.plant(centres if on else centres[:0]), kind=kinds if on else kinds[:0],
         last=np.array([tables[design].u[-1] for design in designs] if on else [], float), bounces=given.bounces,
         rays=given.rays_a_side, cutoff=given.cutoff, least=1e-9 * float(np.ptp(mesh.nodes, axis=0).max()),
+        polariser=_polariser(scene, mesh, lat, tables, on),
     )
 
 
@@ -266,7 +284,7 @@ def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
         triangles=_triangles(scene, mesh),
         masses=lat.masses, per_mass=1.0 / lat.masses, rest=np.ascontiguousarray(centred(mesh, lat.masses).T),
         lit=effects["light"].on, light=_light(scene, mesh, tables, effects),
-        mirror=_mirror(scene, mesh, tables, effects), warm=is_warm(effects),
+        mirror=_mirror(scene, mesh, lat, tables, effects), warm=is_warm(effects),
         heat=heat, curves=build_curves(scene, mesh, effects, is_warm(effects)),
         spin_up=spin_up, integrator=INTEGRATORS[scene.flight.integrator], dt=dt, release=release,
         end=release + math.ceil(scene.flight.duration_s / dt - 1e-9), optics_every=scene.flight.optics_every,

@@ -163,7 +163,8 @@ class Beam(Strict):
 
     polarisation: 'sail' turns with the sail, so that each cell always sees its own (the paper); 'lab' is linear at
     `polarisation_deg` from x towards y; 'turning' starts there and turns at `polarisation_Hz`. The last two are for
-    rigid flight on tables that hold the Stokes response.
+    rigid flight on tables that hold the Stokes response, and for reflections with `polarisation: tracked`. With these,
+    the field that turns with the 'sail' is at `polarisation_deg` from the body's x.
     """
 
     intensity_W_m2: NonNegative
@@ -177,8 +178,6 @@ class Beam(Strict):
 
     @model_validator(mode="after")
     def _one_polarisation(self) -> Beam:
-        if self.polarisation == "sail" and self.polarisation_deg != 0.0:
-            raise ValueError(f"polarisation_deg = {self.polarisation_deg:g}: needs polarisation: lab or turning")
         if self.polarisation != "turning" and self.polarisation_Hz != 0.0:
             raise ValueError(f"polarisation_Hz = {self.polarisation_Hz:g}: needs polarisation: turning")
         return self
@@ -254,12 +253,14 @@ class Reflections(Strict):
     """Light that one part of a specular sail throws on another.
 
     bounces: hits after which a ray is given up. rays_a_side: each triangle sends the square of it. cutoff: share of
-    its first power below which a ray is given up.
+    its first power below which a ray is given up. polarisation: 'mean' takes the mean of s and p at each hit; 'tracked'
+    follows the beam's field from hit to hit, so films need their phases; at the first hit, too, it tells s from p.
     """
 
     bounces: Annotated[int, Field(ge=1, le=1000)] = 4
     rays_a_side: Annotated[int, Field(ge=1, le=100)] = 1
     cutoff: Fraction = 1e-6
+    polarisation: Literal["mean", "tracked"] = "mean"
 
 
 EFFECTS = (
@@ -306,6 +307,18 @@ class Scene(Strict):
     reflections: Reflections = Reflections()
     effects: Effects = Effects()
 
+    @model_validator(mode="after")
+    def _polarised(self) -> Scene:
+        degrees, tracked = self.beam.polarisation_deg, self.reflections.polarisation == "tracked"
+        if self.beam.polarisation == "sail" and degrees != 0.0 and not tracked:
+            raise ValueError(
+                f"beam.polarisation_deg = {degrees:g}: needs polarisation: lab or turning, or reflections with "
+                "polarisation: tracked"
+            )
+        if tracked and self.effects.reflections is False:
+            raise ValueError("reflections.polarisation = 'tracked': needs effects.reflections: true or null")
+        return self
+
 
 class Effect(Strict):
     """One line of the plan: is the effect computed, and why."""
@@ -332,6 +345,8 @@ def _reflections(scene: Scene, lit: bool) -> Effect:
     bright = any(region.design or region.reflectance for region in scene.sail.regions)
     if not (lit and bright):
         return Effect(on=False, reason="nothing reflects light")
+    if scene.reflections.polarisation == "tracked":
+        return Effect(on=True, reason="the light's polarisation is tracked, from its first hit on")
     if scene.sail.profile == "flat":
         return Effect(on=False, reason="a flat sail does not reflect onto itself")
     if steep <= 30.0:

@@ -35,7 +35,8 @@ def _mirror_work(mirror: reflections.Mirror) -> reflections.MirrorWork:
     t, leaves = mirror.kind.size, mirror.tree.bounds.size - 1
     return reflections.MirrorWork(
         boxes=np.zeros((2 * leaves - 1 if t else 0, 6)), force=np.zeros((3, t)), heat=np.zeros(t),
-        stack=np.zeros(64 if t else 0, np.int64), ray=np.zeros((3, 3)), account=np.zeros(8),
+        stack=np.zeros(64 if t else 0, np.int64), ray=np.zeros((3, 3)),
+        field=np.zeros((2, 3)), first=np.zeros((2, 3)), account=np.zeros(8),
     )
 
 

@@ -30,6 +30,7 @@ from optics.strips import Curves, lay_out, no_curves
 SCHEMA = 2
 COMPONENTS = ("g", "r", "n")
 STOKES = ("1", "s1", "s2", "s3")
+FIELDS = ("re_s", "im_s", "re_p", "im_p", "a_s", "a_p")
 # Under v → −v: q_g, q_n and the absorptance are even, q_r is odd; light of s2 and s3 becomes that of −s2 and −s3.
 PARITY = np.array([1.0, -1.0, 1.0, 1.0])
 STOKES_PARITY = np.array([1.0, 1.0, -1.0, -1.0])
@@ -72,6 +73,9 @@ class PressureTable:
     projection of r perpendicular to k, s1 = −1 is E along e2 = k × e1/|k|; s2 = ±1 is E along (e1 ± e2)/√2, s3 = ±1 is
     circular, e1 ∓ i e2. The nodes are chosen for the cell's own polarisation, and `error` is that of it alone;
     `error_stokes` (n_u, n_v) is that of q in whichever polarisation it is largest.
+
+    Of films: amplitudes (6, n_u, 1), real and imaginary part of r_s, those of r_p, and the absorptance of s and of p
+    light; r as in `optics.thin_film.amplitudes`, with r_p = −r_s at normal incidence.
     """
 
     u: Floats
@@ -86,10 +90,12 @@ class PressureTable:
     q_stokes: Floats | None = None
     absorptance_stokes: Floats | None = None
     error_stokes: Floats | None = None
+    amplitudes: Floats | None = None
 
     def __post_init__(self) -> None:
         self._check_axes()
-        sizes = {"component": 3, "stokes": 4, "u": self.u.size, "v": self.v.size, "cutoff": len(self._curves)}
+        sizes = {"component": 3, "stokes": 4, "field": 6, "cutoff": len(self._curves)}
+        sizes |= {"u": self.u.size, "v": self.v.size}
         for name, (dims, array, _) in self._variables().items():
             if array.shape != (want := tuple(sizes[dim] for dim in dims)):
                 raise InputError(f"{name} has shape {array.shape}; must be {want}")
@@ -100,6 +106,8 @@ class PressureTable:
             if (error := getattr(self, name)) is not None and not np.all(error > 0):
                 raise InputError(f"{name} must be greater than 0 everywhere")
         partly = self.q_stokes is None, self.absorptance_stokes is None
+        if self.amplitudes is not None and not self.axisymmetric:
+            raise InputError("amplitudes: only an axisymmetric table, that of a film, may hold them")
         curves = self.cutoffs
         if len({*partly, *((curves.q_stokes is None, curves.absorptance_stokes is None) if curves else ())}) > 1:
             raise InputError("q_stokes and absorptance_stokes, also on the cut-offs, must be given together")
@@ -149,6 +157,7 @@ class PressureTable:
             "q_stokes": (("stokes", "component", "u", "v"), self.q_stokes, "q for each Stokes component"),
             "absorptance_stokes": (("stokes", "u", "v"), self.absorptance_stokes, "likewise"),
             "error_stokes": (("u", "v"), self.error_stokes, "estimated absolute error of q in any polarisation"),
+            "amplitude": (("field", "u", "v"), self.amplitudes, "reflected field and absorbed share of s and p light"),
         }
         if c := self.cutoffs:
             found |= {
@@ -191,6 +200,20 @@ class PressureTable:
         values = self._values(stokes)
         layout = lay_out(self._curves, values.u[0], values.u[-1], values.v)
         return pack(layout, values, make_patches(layout, values), self.axisymmetric, nearest)
+
+    def amplitude_arrays(self) -> tuple[TableArrays, TableArrays]:
+        """A film's amplitudes for compiled kernels, to be looked up at u = the sine and v = 0.
+
+        The first gives Re r_s, Im r_s, Re r_p, Im r_p, the second a_s, a_p, 0, 0. InputError where there are none.
+        """
+        if self.amplitudes is None:
+            raise InputError(f"table '{self.name}' holds no amplitudes of s and p light: make it with optics.thin_film")
+        pairs = np.repeat(np.concatenate([self.amplitudes, np.zeros((2, self.u.size, 1))]), 2, axis=2)
+        layout, packed = lay_out(no_curves(), self.u[0], self.u[-1], np.array([0.0, 1.0])), []
+        for part in (pairs[:4], pairs[4:]):
+            values = Values(self.u, np.array([0.0, 1.0]), part, np.empty((4, 0, 2)), None)
+            packed.append(pack(layout, values, make_patches(layout, values), False, False))
+        return packed[0], packed[1]
 
     @cached_property
     def _arrays(self) -> TableArrays:
@@ -243,7 +266,8 @@ class PressureTable:
                 name: (dims, array, {"units": "1", "long_name": text})
                 for name, (dims, array, text) in self._variables().items()
             },
-            coords={"component": list(COMPONENTS)} | ({} if self.q_stokes is None else {"stokes": list(STOKES)}),
+            coords={"component": list(COMPONENTS)} | ({} if self.q_stokes is None else {"stokes": list(STOKES)})
+            | ({} if self.amplitudes is None else {"field": list(FIELDS)}),
             attrs={
                 "schema": SCHEMA, "mirror_v": int(self.mirror_v), "axisymmetric": int(self.axisymmetric),
                 "digest": self.digest, **{key: _encode(value) for key, value in self.attrs.items()},
@@ -307,7 +331,10 @@ class PressureTable:
             cutoffs = Cutoffs(curves, *numbers("cutoff_q", "cutoff_absorptance"), *on_them)
         u, v, q, absorptance, error = numbers(*_REQUIRED)
         worst = numbers("error_stokes")[0] if "error_stokes" in data else None
-        return cls(u, v, q, absorptance, error, mirror_v, axisymmetric, attrs, cutoffs, stokes[0], stokes[1], worst)
+        amplitudes = numbers("amplitude")[0] if "amplitude" in data else None
+        return cls(
+            u, v, q, absorptance, error, mirror_v, axisymmetric, attrs, cutoffs, stokes[0], stokes[1], worst, amplitudes
+        )
 
 
 def _stack(q: Floats | None, absorptance: Floats | None) -> Floats:

@@ -149,17 +149,33 @@ def _outside(light: Light, y: float) -> tuple[float, float, float]:
     return _square(y * f - g) / sent, 4 * y * flux / sent, 4 * y * loss / sent
 
 
+@njit(cache=True)
+def _to_front(index: Complexes, depth: Floats, s: float, is_s: bool, is_p: bool) -> tuple[Light, Light]:
+    """Light of s and of p at the front face of a stack (media, depths k₀d)."""
+    back_s, back_p = _face(index[-1], s, False), _face(index[-1], s, True)
+    of_s, of_p = (1 + 0j, back_s, back_s.real, 0.0), (1 + 0j, back_p, back_p.real, 0.0)
+    for i in range(depth.size, 0, -1):
+        of_s, of_p = _through_both(of_s, of_p, index[i], depth[i - 1], s, is_s, is_p)
+        if i % RESCALE_EVERY == 0:
+            of_s, of_p = _rescaled(of_s), _rescaled(of_p)
+    return of_s, of_p
+
+
+@guvectorize(["void(c16[:], f8[:], f8, c16[:], c16[:])"], "(m),(l),()->(),()", nopython=True, cache=True)
+def _reflect(index, depth, s, r_s, r_p):  # type: ignore[no-untyped-def]
+    """Amplitudes r of one stack for one direction; broadcasts as a NumPy function."""
+    of_s, of_p = _to_front(index, depth, s, True, True)
+    y_s, y_p = _face(index[0], s, False), _face(index[0], s, True)
+    r_s[0] = (y_s * of_s[0] - of_s[1]) / (y_s * of_s[0] + of_s[1])
+    r_p[0] = (y_p * of_p[0] - of_p[1]) / (y_p * of_p[0] + of_p[1])
+
+
 @guvectorize(
     ["void(c16[:], f8[:], f8, f8, f8[:], f8[:], f8[:])"], "(m),(l),(),()->(),(),()", nopython=True, cache=True
 )
 def _respond(index, depth, s, share, reflectance, transmittance, absorptance):  # type: ignore[no-untyped-def]
     """R, T, A of one stack (media, depths k₀d) for one direction; broadcasts as a NumPy function."""
-    back_s, back_p = _face(index[-1], s, False), _face(index[-1], s, True)
-    of_s, of_p = (1 + 0j, back_s, back_s.real, 0.0), (1 + 0j, back_p, back_p.real, 0.0)
-    for i in range(depth.size, 0, -1):
-        of_s, of_p = _through_both(of_s, of_p, index[i], depth[i - 1], s, share < 1, share > 0)
-        if i % RESCALE_EVERY == 0:
-            of_s, of_p = _rescaled(of_s), _rescaled(of_p)
+    of_s, of_p = _to_front(index, depth, s, share < 1, share > 0)
     r_s, t_s, a_s = _outside(of_s, _face(index[0], s, False).real)
     r_p, t_p, a_p = _outside(of_p, _face(index[0], s, True).real)
     reflectance[0] = (1 - share) * r_s + share * r_p
@@ -197,6 +213,21 @@ def stack(
     _check(index, thickness, wavelength, s)
     depth = 2 * np.pi * thickness / wavelength[..., None]
     return FilmResponse(*_respond(index, depth, s, share))
+
+
+def amplitudes(
+    index: ArrayLike, thickness: ArrayLike, wavelength: ArrayLike, s: ArrayLike
+) -> tuple[Complexes, Complexes]:
+    """Complex r_s, r_p (...) of the reflected field at the front face; arguments as for `stack`.
+
+    Along the axes ŝ = k × n/|k × n| and p̂ = ŝ × k/|k|, those of k before and after: then r_p is the ratio of the
+    magnetic fields, and r_p = −r_s at normal incidence (Born & Wolf, Principles of Optics, §1.6.2).
+    """
+    index, thickness = np.asarray(index, complex), np.asarray(thickness, float)
+    wavelength, s = np.asarray(wavelength, float), np.asarray(s, float)
+    _check(index, thickness, wavelength, s)
+    r_s, r_p = _reflect(index, 2 * np.pi * thickness / wavelength[..., None], s)
+    return r_s, r_p
 
 
 def momentum(
@@ -244,13 +275,21 @@ def pressure(
     return momentum(*_arrays(cell), u, v, P_SHARE[cell.polarisation], from_back=from_back)
 
 
+def polarised(cell: ThinFilm, s: Floats) -> Floats:
+    """What `PressureTable.amplitudes` holds, (6, n), at sines s (n,), whatever the cell's own polarisation."""
+    arrays = _arrays(cell)
+    r_s, r_p = amplitudes(*arrays, s)
+    a_s, a_p = (stack(*arrays, s, share).absorptance for share in (0.0, 1.0))
+    return np.stack([r_s.real, r_s.imag, r_p.real, r_p.imag, a_s, a_p])
+
+
 def make_table(cell: ThinFilm, s_max: float, tolerance: float) -> PressureTable:
     """Axisymmetric pressure table over sines 0 … s_max, refined until interpolation meets `tolerance`."""
     watch = Stopwatch()
 
     def response(s: Floats) -> Floats:
         q, film = pressure(cell, s)
-        return np.column_stack([q, film.absorptance])
+        return np.column_stack([q, film.absorptance, polarised(cell, s).T])
 
     nodes = refine(response, np.linspace(0.0, s_max, 33), tolerance, 1e-5)
     q, film = pressure(cell, nodes.nodes)
@@ -261,10 +300,10 @@ def make_table(cell: ThinFilm, s_max: float, tolerance: float) -> PressureTable:
         "versions": versions("numpy", "scipy"),
     }
     # Closed form: what error there is comes from interpolation and rounding.
-    error = nodes.error.max(axis=1) + 1e-14
+    error = nodes.error[:, :4].max(axis=1) + 1e-14
     return PressureTable(
         nodes.nodes, np.zeros(1), q.T[..., None], film.absorptance[:, None], error[:, None],
-        axisymmetric=True, attrs=attrs,
+        axisymmetric=True, attrs=attrs, amplitudes=polarised(cell, nodes.nodes)[..., None],
     )
 
 

@@ -4,7 +4,8 @@ A ray of power P and unit direction d that meets a triangle of normal n at the c
 
     F = (P/c)(2R (d·n) n + a d),  heat = a P,
 
-and goes on from there with R P along d − 2(d·n)n. R and a are means over polarisation. What passes through is dropped.
+and goes on from there with R P along d − 2(d·n)n. What passes through is dropped. R and a are means over polarisation,
+or those of the ray's own field, which is then followed from hit to hit.
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ from typing import NamedTuple
 
 import numba
 
+from dynamics.kernels import polarisation
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.kernels.elastic import Floats
 from dynamics.kernels.optical import Integers, Light, LightWork, table
+from dynamics.kernels.polarisation import Polariser
 from dynamics.kernels.tree import Tree, nearest, refit
 from optics.table import lookup
 
@@ -30,7 +33,7 @@ class Mirror(NamedTuple):
 
     kind (t,): table of each triangle, or −1 for constant response. last: largest sine in each table. bounces: hits of a
     ray, at most. rays: sub-triangles a side, each of which sends a ray. cutoff: share of the first power below which a
-    ray is given up. least: distance in m that a ray must go between hits.
+    ray is given up. least: distance in m that a ray must go between hits. polariser: the field of the rays.
     """
 
     tree: Tree
@@ -40,12 +43,14 @@ class Mirror(NamedTuple):
     rays: int
     cutoff: float
     least: float
+    polariser: Polariser
 
 
 class MirrorWork(NamedTuple):
     """Work space: boxes of the tree, force (3, t) in N, heat (t,) in W, the account (8,) of a trace.
 
-    ray (3, 3): origin, direction and inverse direction of the ray under way; stack: of the search.
+    ray (3, 3): origin, direction and inverse direction of the ray under way; stack: of the search. field (2, 3): real
+    and imaginary part of the field of the ray under way; first (2, 3): of all rays of a triangle as they leave it.
     """
 
     boxes: Floats
@@ -53,6 +58,8 @@ class MirrorWork(NamedTuple):
     heat: Floats
     stack: Integers
     ray: Floats
+    field: Floats
+    first: Floats
     account: Floats
 
 
@@ -77,13 +84,27 @@ def response(mirror: Mirror, light: Light, absorptance: Floats, i: int, cosine: 
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _shares(
+    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, j: int, direction: Floats, cosine: float
+) -> tuple[float, float]:
+    """Share of a ray's power that triangle j reflects and absorbs; turns the field where that is tracked."""
+    if not mirror.polariser.tracked:
+        return response(mirror, light, held.absorptance, j, cosine)
+    last = mirror.last[mirror.kind[j]] if mirror.kind[j] >= 0 else 1.0
+    found = polarisation.film(
+        mirror.polariser, light, mirror.kind[j], last, held.absorptance[j], j, cosine
+    )
+    return polarisation.reflect(found, direction, held.frame[:3, j], work.field)
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _strike(
     mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, j: int, direction: Floats, power: float
 ) -> float:
     """Force and heat of a ray on triangle j; turns the direction and returns the power that goes on."""
     n0, n1, n2 = held.frame[0, j], held.frame[1, j], held.frame[2, j]
     across = direction[0] * n0 + direction[1] * n1 + direction[2] * n2
-    share, loss = response(mirror, light, held.absorptance, j, min(abs(across), 1.0))
+    share, loss = _shares(mirror, work, light, held, j, direction, min(abs(across), 1.0))
     scale, push = power / LIGHT_SPEED, 2.0 * share * across
     work.force[0, j] += scale * (push * n0 + loss * direction[0])
     work.force[1, j] += scale * (push * n1 + loss * direction[1])
@@ -125,6 +146,29 @@ def _follow(
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _first(mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, i: int, angle: float) -> float:
+    """Reflected share of the beam on triangle i; where polarisation is tracked, also the field its rays begin with.
+
+    The held light has force and heat of the mean over polarisation: what the field at `angle` changes of that is added.
+    """
+    across = held.frame[2, i]
+    mean, lost = response(mirror, light, held.absorptance, i, abs(across))
+    if not mirror.polariser.tracked:
+        return mean
+    beam, field = work.ray[1], work.field
+    beam[0], beam[1], beam[2] = 0.0, 0.0, 1.0
+    field[0, 0], field[0, 1], field[0, 2] = math.cos(angle), math.sin(angle), 0.0
+    field[1, 0], field[1, 1], field[1, 2] = 0.0, 0.0, 0.0
+    share, loss = _shares(mirror, work, light, held, i, beam, min(abs(across), 1.0))
+    scale = held.incident[i] / LIGHT_SPEED
+    for c in range(3):
+        work.force[c, i] += scale * (2.0 * (share - mean) * across * held.frame[c, i] + (loss - lost) * beam[c])
+    work.heat[i] += (loss - lost) * held.incident[i]
+    work.first[...] = field
+    return share
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _send(
     mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, x: Floats, i: int, power: float, gone: Integers
 ) -> None:
@@ -141,6 +185,7 @@ def _send(
                 origin[c] = x[c, p] + u * (x[c, q] - x[c, p]) + v * (x[c, s] - x[c, p])
                 direction[c] = -2.0 * n2 * held.frame[c, i]
             direction[2] += 1.0
+            work.field[...] = work.first
             _follow(mirror, work, light, held, x, i, power / (m * m), gone)
 
 
@@ -164,11 +209,11 @@ def _hold(work: MirrorWork, held: LightWork, e: Floats) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def bounce(
-    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, x: Floats, e: Floats, gone: Integers
+    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, x: Floats, e: Floats, gone: Integers, t: float
 ) -> None:
     """Add the light reflected within the sail to the held light, right after its refresh; sides e (6, t), x (3, n).
 
-    gone (t,): not 0 for removed triangles, or empty.
+    gone (t,): not 0 for removed triangles, or empty. t: time in s of these positions.
     """
     refit(mirror.tree, x, light.corners, work.boxes)
     for i in range(work.heat.size):
@@ -177,9 +222,9 @@ def bounce(
             work.force[c, i] = 0.0
     for k in range(work.account.size):
         work.account[k] = 0.0
+    angle = polarisation.azimuth(mirror.polariser, x, t)
     for i in range(work.heat.size):
-        share, _ = response(mirror, light, held.absorptance, i, abs(held.frame[2, i]))
-        power = share * held.incident[i]
+        power = _first(mirror, work, light, held, i, angle) * held.incident[i]
         if power > 0.0:
             _send(mirror, work, light, held, x, i, power, gone)
     _hold(work, held, e)

@@ -103,15 +103,16 @@ class Work(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _light_up(model: Model, work: Work, x: Floats, v: Floats, temperature: Floats) -> int:
+def _light_up(model: Model, work: Work, x: Floats, v: Floats, temperature: Floats, t: float) -> int:
     """Add the light's forces, with new coefficients if flags[0] is 0; INTACT or LEFT_TABLE.
 
     What is held over k steps is that of the middle of them, (k − 1)/2 steps ahead: late coefficients would be an error
     of first order.
     """
     if work.flags[0] == 0:
+        ahead = 0.5 * (model.optics_every - 1) * model.dt
         if model.optics_every > 1:
-            foresee(model.masses, x, v, 0.5 * (model.optics_every - 1) * model.dt, work.ahead)
+            foresee(model.masses, x, v, ahead, work.ahead)
             x = work.ahead
         triangles.sides(x, model.triangles.corners, work.sides)
         properties.absorb(model.curves.absorption, model.light.corners, temperature, work.light.absorptance)
@@ -123,7 +124,8 @@ def _light_up(model: Model, work: Work, x: Floats, v: Floats, temperature: Float
             tearing.darken(work.broken, work.light, i)
         if model.mirror.kind.size > 0:
             reflections.bounce(
-                model.mirror, work.mirror, model.light, work.light, x, work.sides, work.broken.gone
+                model.mirror, work.mirror, model.light, work.light, x, work.sides, work.broken.gone,
+                t + ahead,
             )
         stencil.hold(model.stencil, work.light.held, work.stencil.held)
         work.flags[0] = 1
@@ -203,7 +205,7 @@ def evaluate(
     if renew or gain == 0.0:
         work.flags[0] = 0
     if gain > 0.0:
-        code = _light_up(model, work, x, v, temperature)
+        code = _light_up(model, work, x, v, temperature, t)
         if code != failure.INTACT:
             return code
     stencil.accelerations(model.stencil, work.stencil, model.per_mass, work.acceleration)

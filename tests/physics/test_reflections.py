@@ -14,31 +14,14 @@ from dynamics.scene import plan
 from optics.cells import ThinFilm
 from optics.files import InputError
 from optics.thin_film import make_table, solve
-from tests.membranes import altered, dark, film, steps
+from tests.membranes import altered, dark, film
+from tests.mirrors import BOWL, WIDE, force, lit
 from tests.synthetic import smooth_tables
 
-WIDE = {"intensity_W_m2": 1e9, "radius_m": 1e4, "on_s": 1.0}
-BOWL = {"profile": "paraboloid", "depth": 1.4, "outline": "round"}
 SILICON = ThinFilm.model_validate({
     "kind": "thin_film", "name": "si43", "wavelength_nm": 1550, "polarisation": "mean",
     "layers": [{"thickness_nm": 43, "index": {"n": 3.48, "k": 1.2e-6}}],
 })
-
-
-def lit(tmp_path: Path, tables: Any = None, shape: Any = None, **groups: Any) -> tuple[Flight, np.ndarray]:
-    """A flight of a specular sail, R = 0.6, a = 0.1 if not told otherwise, and the row of one evaluation in `shape`."""
-    sail = {"sectors": film(reflectance=0.6, absorptance=0.1), "rotation_deg": 0.0, **groups.pop("sail", {})}
-    effects = {"tensile_failure": False, **groups.pop("effects", {})}
-    scene = dark(groups.pop("rings", 6), sail=sail, beam=WIDE, effects=effects, **groups)
-    flight = Flight(scene, tables or {}, tmp_path)
-    if shape is not None:
-        flight.state.x[...] = shape(flight.state.x)
-    flight.step = flight.model.release + 8
-    return flight, steps(flight, 0)[0]
-
-
-def force(row: np.ndarray) -> np.ndarray:
-    return row[COLUMNS["force"] : COLUMNS["force"] + 3]
 
 
 # Nearest hits
