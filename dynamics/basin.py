@@ -29,7 +29,8 @@ from dynamics.kernels import flight as kernel
 from dynamics.rigid import REASONS, terms_of
 from dynamics.rigid_body import RigidBody, rigid_body
 from dynamics.sail import load_tables, provenance
-from optics.files import InputError, Positive, Strict, atomic, progress, read_model, run_stage, versions
+from optics.files import InputError, Positive, Strict, progress, read_model, run_stage, versions
+from optics.hdf5 import new_hdf5
 from optics.table import PressureTable
 
 Floats = NDArray[np.float64]
@@ -137,7 +138,7 @@ def write(
     """Write a block as columns, a whole map as arrays (n_offsets, n_tilts), atomically."""
     whole = basin.cells.size == grid.n_offsets * grid.n_tilts
     shape = (grid.n_offsets, grid.n_tilts) if whole else (-1,)
-    with atomic(path) as temporary, h5py.File(temporary, "w") as file:
+    with new_hdf5(path) as file:
         for name, values in {"offset": grid.offsets, "tilt": np.radians(grid.tilts), "cell": basin.cells}.items():
             file.create_dataset(name, data=values).attrs["units"] = {"offset": "m", "tilt": "rad", "cell": "1"}[name]
         for name, values in basin.columns.items():

@@ -21,6 +21,7 @@ from dynamics.attitude import angles_from_rotation
 from dynamics.kernels.record import COLUMNS
 from dynamics.mesh import Floats, Mesh
 from optics.files import atomic
+from optics.hdf5 import new_hdf5
 
 TRIANGLE = 5  # VTK's number for the cell type
 _PACKED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
@@ -190,6 +191,6 @@ def _write_flight(
 
 def write_mesh(path: str | Path, mesh: Mesh, cells: Mapping[str, NDArray[Any]]) -> None:
     """Write a mesh with data (t,) of its triangles as VTKHDF, atomically."""
-    with atomic(path) as temporary, h5py.File(temporary, "w") as file:
+    with new_hdf5(path) as file:
         grid = _Grid(file, mesh, cells)
         grid.append("Points", mesh.nodes)

@@ -98,15 +98,11 @@ class Journal:
         """Replace the checkpoint: counters and all arrays of the trees. OSError where the disk is full."""
         arrays = {f"{i}.{name}": value for i, tree in enumerate(trees) for name, value in leaves(tree)}
         sizes, sums = [self._length(name) for name in STREAMS], [self._sums[name] for name in STREAMS]
-        path = self._path("checkpoint.npz")
-        try:
-            with atomic(path) as temporary, open(temporary, "wb") as stream:
-                np.savez(
-                    stream, fingerprint=np.array(fingerprint), sizes=np.array(sizes), sums=np.array(sums), **arrays,
-                    **counters,
-                )
-        except OSError as error:
-            raise OSError(error.errno, error.strerror, str(path)) from None
+        with atomic(self._path("checkpoint.npz")) as temporary, open(temporary, "wb") as stream:
+            np.savez(
+                stream, fingerprint=np.array(fingerprint), sizes=np.array(sizes), sums=np.array(sums), **arrays,
+                **counters,
+            )
 
     def _length(self, name: str) -> int:
         return self._path(name).stat().st_size if self._path(name).exists() else 0

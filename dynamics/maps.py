@@ -13,7 +13,6 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +22,8 @@ from dynamics.command import stage_arguments
 from dynamics.kernels.rigid import INSIDE
 from dynamics.rigid_body import RigidBody, rigid_body
 from dynamics.sail import load_tables, provenance
-from optics.files import InputError, atomic, run_stage, versions
+from optics.files import InputError, run_stage, versions
+from optics.hdf5 import new_hdf5
 from optics.table import PressureTable
 
 Floats = NDArray[np.float64]
@@ -80,7 +80,7 @@ def equilibria(shift: Floats, force: Floats) -> Floats:
 def write(path: str | Path, maps: Maps, scene: scenes.Scene, tables: dict[str, PressureTable]) -> None:
     """Write the maps as HDF5, atomically: one dataset a quantity, its unit an attribute; the scene as JSON."""
     unit = {"shift": "D", "tilt": "rad", "F_x": "I₀D²/c", "F_y": "I₀D²/c", "tau_x": "I₀D³/c", "tau_y": "I₀D³/c"}
-    with atomic(path) as temporary, h5py.File(temporary, "w") as file:
+    with new_hdf5(path) as file:
         for name, values in vars(maps).items():
             file.create_dataset(name, data=values).attrs["units"] = unit[name]
         file.attrs.update({

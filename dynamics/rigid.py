@@ -14,7 +14,6 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +25,8 @@ from dynamics.kernels import flight as kernel
 from dynamics.quadrature import ERROR
 from dynamics.rigid_body import RigidBody, Units, rigid_body
 from dynamics.sail import check_release, load_tables, provenance
-from optics.files import Stopwatch, atomic, progress, run_stage, versions
+from optics.files import Stopwatch, progress, run_stage, versions
+from optics.hdf5 import new_hdf5
 from optics.table import PressureTable
 
 Floats = NDArray[np.float64]
@@ -184,7 +184,7 @@ def write(path: str | Path, flight: RigidFlight, scene: scenes.Scene, tables: di
         "angular_impulse": (flight.angular_impulse, "kg m2/s"),
         "angular_momentum_balance": (flight.momentum_balance, "kg m2/s"),
     }
-    with atomic(path) as temporary, h5py.File(temporary, "w") as file:
+    with new_hdf5(path) as file:
         for name, (values, unit) in columns.items():
             file.create_dataset(name, data=values).attrs["units"] = unit
         file.attrs.update({

@@ -12,7 +12,8 @@ import h5py
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
-from optics.files import InputError, Strict, atomic, versions
+from optics.files import InputError, Strict, versions
+from optics.hdf5 import new_hdf5
 from optics.incidence import Floats, cutoffs
 from optics.outline import Grating
 from optics.sampling import fill
@@ -104,7 +105,7 @@ def _stamp(cell: Grating, settings: Strict) -> dict[str, str]:
 
 def write_rows(path: Path, cell: Grating, settings: Strict, rows: Rows) -> None:
     """Write a part file, atomically: a killed stage leaves the rows it had."""
-    with atomic(path) as temporary, h5py.File(temporary, "w") as file:
+    with new_hdf5(path) as file:
         for name in _COLUMNS:
             file[name] = rows.column(name)
         file.attrs.update(_stamp(cell, settings))
@@ -180,5 +181,5 @@ def _attrs(cell: Grating, settings: Strict, rows: Rows, u_nodes: Floats, v_nodes
         "energy_imbalance": float(np.abs(rows.column("energy_imbalance")).max()),
         "stress_difference": float(rows.column("stress").max()), "capped": int(rows.column("capped").sum()),
         "residual": float(rows.column("residual").max()), "grazing": float(rows.column("grazing").min()),
-        "wall_seconds": float(rows.column("seconds").sum()), "versions": versions("numpy", "scipy", "h5py"),
+        "cpu_seconds": float(rows.column("seconds").sum()), "versions": versions("numpy", "scipy", "h5py"),
     }

@@ -117,7 +117,10 @@ def read_model(path: str | Path, model: type[Model]) -> Model:
 
 @contextlib.contextmanager
 def atomic(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary name beside `path`; on success it is renamed to `path`, on failure it is removed."""
+    """Yield a temporary name beside `path`; on success it is renamed to `path`, on failure it is removed.
+
+    OSError of a write that failed, on a full disk for example, names `path`.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
@@ -129,6 +132,10 @@ def atomic(path: str | Path) -> Iterator[Path]:
         with open(temporary, "rb") as stream:
             os.fsync(stream.fileno())
         temporary.replace(path)
+    except OSError as error:
+        if error.errno is None or error.filename not in (None, str(temporary), temporary):
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -179,12 +186,17 @@ def run_stage(main: Callable[[], None]) -> None:
 
 
 class Stopwatch:
-    """Wall seconds since it was made."""
+    """Wall and CPU seconds since it was made."""
 
     def __init__(self) -> None:
-        self._start = time.perf_counter()
+        self._start, self._cpu = time.perf_counter(), time.process_time()
 
     @property
     def seconds(self) -> float:
         """Elapsed wall time in seconds."""
         return time.perf_counter() - self._start
+
+    @property
+    def cpu_seconds(self) -> float:
+        """CPU time of this process in seconds, the same on a busy machine and on a quiet one."""
+        return time.process_time() - self._cpu

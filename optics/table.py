@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from optics.files import InputError, atomic
+from optics.files import InputError
+from optics.hdf5 import write_bytes
 from optics.interpolation import Floats, TableArrays, lookup_many, lookup_slopes_many, pack
 from optics.interpolation import lookup as lookup
 from optics.patches import Values, make_patches
@@ -65,7 +66,7 @@ class PressureTable:
     u (n_u), v (n_v): ascending, in the cell frame. q_nodes (3, n_u, n_v): components g, r, n. absorptance_nodes, error
     (n_u, n_v): absorbed fraction and estimated absolute error of q. With `mirror_v` only v ≥ 0 is stored (q_g, q_n and
     the absorptance are even in v, q_r is odd). An axisymmetric table (a film) has v = [0] and u from 0.
-    `attrs`: what made the table (name, cell, solver, settings, versions, wall_seconds, energy_imbalance, cutoffs).
+    `attrs`: what made the table (name, cell, solver, settings, versions, cpu_seconds, energy_imbalance, cutoffs).
     `cutoffs`: values on the Rayleigh cut-offs; None for a response without any.
 
     All polarisations, where they are known: q_stokes (4, 3, n_u, n_v) and absorptance_stokes (4, n_u, n_v). For light
@@ -273,13 +274,12 @@ class PressureTable:
                 "digest": self.digest, **{key: _encode(value) for key, value in self.attrs.items()},
             },
         )
-        with atomic(path) as temporary:
-            data.to_netcdf(temporary, engine="h5netcdf")
+        write_bytes(path, data.to_netcdf(engine="h5netcdf"))
 
     @property
     def digest(self) -> str:
         """SHA-256 of the numbers and of all attributes but the time it took, to notice an edited file."""
-        attrs = sorted((key, _encode(value)) for key, value in self.attrs.items() if key != "wall_seconds")
+        attrs = sorted((key, _encode(value)) for key, value in self.attrs.items() if not key.endswith("_seconds"))
         belongs = [self.mirror_v, self.axisymmetric, attrs]
         sums = hashlib.sha256(json.dumps(belongs).encode())
         for name, (_, array, _) in self._variables().items():

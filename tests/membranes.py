@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from dynamics.kernels.record import WIDTH
 from dynamics.kernels.step import run
 from dynamics.membrane import Flight
 from dynamics.scene import Scene, read_scene
+from tests.synthetic import smooth_tables
 
 _SCENE = read_scene(Path(__file__).parents[1] / "workflow" / "scenes" / "fig6.yaml")
 FILM = {
@@ -58,3 +60,15 @@ def steps(flight: Flight, count: int, fresh: bool = True) -> np.ndarray:
     assert code == 0
     flight.step = n
     return rows[:written]
+
+
+def write_inputs(folder: Path, scene: Scene, out: str = "flight.vtkhdf") -> list[str]:
+    """Scene and smooth tables as files; the arguments of a stage that goes from them to folder/out/`out`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{scene.name}.yaml"
+    path.write_text(yaml.safe_dump(scene.model_dump()), encoding="utf-8")
+    names = []
+    for name, table in smooth_tables().items():
+        table.write(folder / f"{name}.h5")
+        names.append(str(folder / f"{name}.h5"))
+    return ["--scene", str(path), "--tables", *names, "--out", str(folder / "out" / out)]

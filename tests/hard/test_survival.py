@@ -4,7 +4,6 @@ Children are forked, so that a kill costs no new start of Python; one test of `u
 its own, and the slow one here several.
 """
 
-import io
 import os
 import random
 import resource
@@ -13,20 +12,17 @@ import signal
 import subprocess
 import sys
 import time
-import traceback
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-import yaml
 
 from dynamics import flight, journal, membrane
-from dynamics.scene import Scene
-from optics.files import run_stage
-from tests.membranes import altered, small
+from tests import processes
+from tests.membranes import altered, small, write_inputs
+from tests.processes import error, full_at
 from tests.synthetic import smooth_tables
 
 #: A checkpoint after every call of the kernels, at most every 0.1 ms of flight.
@@ -35,60 +31,9 @@ SCENE = small(rings=4, release={"spin_Hz": -120.0}, flight={
 })
 
 
-def write_inputs(folder: Path, scene: Scene = SCENE) -> list[str]:
-    """Scene and tables as files; the arguments that fly them to folder/flight.vtkhdf."""
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{scene.name}.yaml"
-    path.write_text(yaml.safe_dump(scene.model_dump()), encoding="utf-8")
-    names = []
-    for name, table in smooth_tables().items():
-        table.write(folder / f"{name}.h5")
-        names.append(str(folder / f"{name}.h5"))
-    return ["--scene", str(path), "--tables", *names, "--out", str(folder / "out" / "flight.vtkhdf")]
-
-
-@dataclass
-class Child:
-    """A forked process that flies, and the pipe of what it says."""
-
-    process: int
-    pipe: int
-    said: str = ""
-
-    def end(self) -> int:
-        """Wait for its exit code, negative the signal that ended it."""
-        with open(self.pipe, "rb") as stream:
-            self.said = stream.read().decode()
-        return os.waitstatus_to_exitcode(os.waitpid(self.process, 0)[1])
-
-
-def fork(arguments: list[str], prepare: Callable[[], object] = lambda: None) -> Child:
-    """A child that flies, after `prepare` in the child."""
-    reading, writing = os.pipe()
-    process = os.fork()
-    if process:
-        os.close(writing)
-        return Child(process, reading)
-    code = 1
-    try:
-        os.dup2(writing, 2)
-        sys.stderr = sys.stdout = io.TextIOWrapper(io.FileIO(writing, "w"), write_through=True)
-        sys.argv = ["membrane", *arguments]
-        prepare()
-        run_stage(membrane.main)
-        code = 0
-    except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else 1
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        os._exit(code)
-
-
 def fly(arguments: list[str], prepare: Callable[[], object] = lambda: None) -> tuple[int, str]:
     """Exit code and words of a child that flies."""
-    child = fork(arguments, prepare)
-    return child.end(), child.said
+    return processes.run(membrane.main, arguments, prepare)
 
 
 def numbers(path: Path) -> dict[str, bytes]:
@@ -107,7 +52,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], f
     """Numbers of the uninterrupted flight, and the seconds it took with the compiled code at hand."""
     membrane.fly(altered(SCENE, flight={"duration_s": 1e-5}), smooth_tables())
     folder = tmp_path_factory.mktemp("whole")
-    arguments = write_inputs(folder)
+    arguments = write_inputs(folder, SCENE)
     started = time.monotonic()
     assert fly(arguments)[0] == 0
     return numbers(folder / "out" / "flight.vtkhdf"), time.monotonic() - started
@@ -124,11 +69,11 @@ def same(folder: Path, whole: tuple[dict[str, bytes], float]) -> bool:
 
 def killed_at_random(folder: Path, seconds: float, kills: int, seed: int) -> int:
     """Kill a flight at random moments until so many kills hit, then let it end; how many found a checkpoint."""
-    arguments, draw, hits, resumed = write_inputs(folder), random.Random(seed), 0, 0
+    arguments, draw, hits, resumed = write_inputs(folder, SCENE), random.Random(seed), 0, 0
     for _ in range(10 * kills):
         if hits == kills:
             break
-        child = fork(arguments)
+        child = processes.fork(membrane.main, arguments)
         time.sleep(draw.uniform(0.0, 0.8 * seconds))
         os.kill(child.process, signal.SIGKILL)
         if child.end() == 0:  # it ended before: begin again
@@ -198,7 +143,7 @@ def test_a_kill_during_any_kind_of_writing_changes_no_bit(
     tmp_path: Path, whole: tuple[dict[str, bytes], float], moment: str
 ):
     owner, name, count, instead = DEATHS[moment]
-    arguments = write_inputs(tmp_path)
+    arguments = write_inputs(tmp_path, SCENE)
     patch = nth(getattr(owner, name), count, instead)
     assert fly(arguments, lambda: setattr(owner, name, patch))[0] == -signal.SIGKILL
     out = tmp_path / "out"
@@ -213,7 +158,7 @@ def test_kills_of_whole_processes_at_random_moments_change_no_bit(
     tmp_path: Path, whole: tuple[dict[str, bytes], float]
 ):
     """As the user does it: new processes of the command, each killed with all that it started."""
-    command = [sys.executable, "-m", "dynamics.membrane", *write_inputs(tmp_path)]
+    command = [sys.executable, "-m", "dynamics.membrane", *write_inputs(tmp_path, SCENE)]
     draw = random.Random(3)
     started = time.monotonic()
     subprocess.run([sys.executable, "-c", "import dynamics.membrane"], check=True)
@@ -252,11 +197,6 @@ def disk(tmp_path: Path) -> Iterator[Callable[[int], Path]]:
         subprocess.run(["umount", str(folder)], check=True)
 
 
-def full_at(size: int) -> Callable[[], None]:
-    """No file may grow beyond so many bytes: every write beyond fails, as on a full disk."""
-    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
-
-
 def frames_full_at(size: int) -> Callable[[], None]:
     """The same for the frames alone, whatever the size of a checkpoint."""
     def prepare() -> None:
@@ -272,13 +212,6 @@ def frames_full_at(size: int) -> Callable[[], None]:
     return prepare
 
 
-def error(said: str) -> str:
-    """The one line with which a run ended, apart from its bar of progress."""
-    lines = [line for line in said.splitlines() if line and "step/s" not in line]
-    assert len(lines) == 1
-    return lines[0]
-
-
 @pytest.mark.parametrize(("full", "file", "kept"), [
     (full_at(40_000), "checkpoint.npz", False), (frames_full_at(30_000), "frames", True),
     (frames_full_at(5_000), "frames", False),
@@ -286,7 +219,7 @@ def error(said: str) -> str:
 def test_files_that_cannot_grow_end_the_flight_in_one_line_and_it_goes_on_later(
     tmp_path: Path, whole: tuple[dict[str, bytes], float], full: Callable[[], None], file: str, kept: bool
 ):
-    arguments, folder = write_inputs(tmp_path), tmp_path / "out" / "flight.vtkhdf.partial"
+    arguments, folder = write_inputs(tmp_path, SCENE), tmp_path / "out" / "flight.vtkhdf.partial"
     code, said = fly(arguments, full)
     assert (code, error(said)) == (2, f"error: {folder / file}: File too large")
     assert not (tmp_path / "out" / "flight.vtkhdf").exists()
@@ -305,7 +238,7 @@ def test_a_full_disk_ends_the_flight_in_one_line_and_it_goes_on_when_there_is_sp
     trial.advance()
     trial.checkpoint()
     kilobytes = 2.2 * (tmp_path / "trial" / "checkpoint.npz").stat().st_size / 1024
-    arguments, small_disk = write_inputs(tmp_path), disk(round(kilobytes))
+    arguments, small_disk = write_inputs(tmp_path, SCENE), disk(round(kilobytes))
     out = small_disk / "flight.vtkhdf"
     limited = os.path.ismount(small_disk)
     code, said = fly([*arguments[:-1], str(out)], (lambda: None) if limited else frames_full_at(30_000))
@@ -326,7 +259,7 @@ def test_a_disk_that_is_full_when_the_flight_file_is_written(
     tmp_path: Path, whole: tuple[dict[str, bytes], float], room: int
 ):
     """HDF5 would crash; the room is asked for before. No half file, and the flight goes on from its last state."""
-    arguments = write_inputs(tmp_path)
+    arguments = write_inputs(tmp_path, SCENE)
 
     def prepare() -> None:
         write = membrane.write_flight
@@ -356,7 +289,7 @@ def test_a_journal_that_was_damaged_starts_anew_and_says_so(
     tmp_path: Path, whole: tuple[dict[str, bytes], float], name: str, damage: str
 ):
     """A single flipped byte is enough, in any file of the folder."""
-    arguments, out = write_inputs(tmp_path), tmp_path / "out"
+    arguments, out = write_inputs(tmp_path, SCENE), tmp_path / "out"
     patch = nth(Path.replace, 8, die)
     assert fly(arguments, lambda: setattr(Path, "replace", patch))[0] == -signal.SIGKILL
     path = out / "flight.vtkhdf.partial" / name

@@ -127,7 +127,7 @@ def test_a_stage_that_is_started_again_keeps_its_rows(te, apart, tmp_path):
     apart(solve_part, te, directions, COARSE, path)
     second = read_rows(path, te, COARSE).values
     assert second.shape[0] == 2
-    np.testing.assert_array_equal(second[0], first[0])  # its wall time too: it was not solved again
+    np.testing.assert_array_equal(second[0], first[0])  # its time too: it was not solved again
     assert [item.name for item in tmp_path.iterdir()] == ["part.h5"]
 
 

@@ -17,24 +17,12 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from dynamics import membrane, mesh
 from dynamics.materials import MATERIALS
-from dynamics.scene import Scene
 from optics.files import InputError, run_stage
-from tests.membranes import dark, small
+from tests.membranes import dark, small, write_inputs
 from tests.synthetic import smooth_tables
 
 FLIGHT = {"duration_s": 5e-4, "snapshot_every_s": 1e-4, "series_every": 4, "checkpoint_every_s": 1e-3}
 SCENE = small(rings=4, release={"spin_Hz": -120.0}, flight=FLIGHT)
-
-
-def write_inputs(folder: Path, scene: Scene) -> list[str]:
-    """Scene and tables as files; the command line that flies them to folder/flight.vtkhdf."""
-    path = folder / f"{scene.name}.yaml"
-    path.write_text(yaml.safe_dump(scene.model_dump()), encoding="utf-8")
-    names = []
-    for name, table in smooth_tables().items():
-        table.write(folder / f"{name}.h5")
-        names.append(str(folder / f"{name}.h5"))
-    return ["--scene", str(path), "--tables", *names, "--out", str(folder / "flight.vtkhdf")]
 
 
 @pytest.fixture(scope="module")
@@ -43,9 +31,9 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("flight")
     arguments = write_inputs(folder, SCENE)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["membrane", *arguments, "--plan", str(folder / "plan.json")])
+        patch.setattr(sys, "argv", ["membrane", *arguments, "--plan", str(folder / "out" / "plan.json")])
         run_stage(membrane.main)
-    return folder / "flight.vtkhdf"
+    return folder / "out" / "flight.vtkhdf"
 
 
 def test_vtk_reads_the_flight_as_a_time_series(flown: Path):
@@ -117,7 +105,7 @@ def same_numbers(a: Path, b: Path) -> bool:
 
 def test_a_killed_flight_resumes_to_the_same_bits(flown: Path, tmp_path: Path):
     arguments = [sys.executable, "-m", "dynamics.membrane", *write_inputs(tmp_path, SCENE)]
-    checkpoint = tmp_path / "flight.vtkhdf.partial" / "checkpoint.npz"
+    checkpoint = tmp_path / "out" / "flight.vtkhdf.partial" / "checkpoint.npz"
     process = subprocess.Popen(arguments, stderr=subprocess.DEVNULL, start_new_session=True)
     deadline = time.monotonic() + 60
     while not checkpoint.exists() and process.poll() is None and time.monotonic() < deadline:
@@ -125,10 +113,10 @@ def test_a_killed_flight_resumes_to_the_same_bits(flown: Path, tmp_path: Path):
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     assert checkpoint.exists()
-    assert not (tmp_path / "flight.vtkhdf").exists()
+    assert not (tmp_path / "out" / "flight.vtkhdf").exists()
     again = subprocess.run(arguments, capture_output=True, text=True, check=True)
     assert "going on from step" in again.stderr
-    assert same_numbers(flown, tmp_path / "flight.vtkhdf")
+    assert same_numbers(flown, tmp_path / "out" / "flight.vtkhdf")
 
 
 def test_a_checkpoint_of_another_flight_is_not_taken(tmp_path: Path):

@@ -99,7 +99,7 @@ def test_rounded_corners(drawn, tmp_path):
     u, v = np.linspace(-0.05, 0.05, 7), np.linspace(0.0, 0.05, 4)
     stairs = solve(upright(read_grating(cells[0]), 12), u, v, 27)
     q = np.moveaxis(stairs.q, -1, 0) + 1e-3
-    attrs = {"name": "rounded_te", "nodes_u": list(u), "nodes_v": list(v), "wall_seconds": 3.0}
+    attrs = {"name": "rounded_te", "nodes_u": list(u), "nodes_v": list(v), "cpu_seconds": 3.0}
     table = PressureTable(u, v, q, stairs.absorptance, np.full((7, 4), 2e-3), mirror_v=True, attrs=attrs)
     table.write(tmp_path / "fdtd.h5")
     numbers = tmp_path / "rounded.csv"
