@@ -35,8 +35,8 @@ class DirectionResult:
     q (3,) in (g, r, n); absorptance; error: estimated absolute error of q, not below `stress`; energy_imbalance:
     1 − R − T of the finest run (minus what the material absorbs, if that was solved for); stress: largest difference of
     q_g and q_n from those by Maxwell's stress; residual: relative change of the fields that was still to come
-    when the run was stopped; capped: it was stopped by the longest time allowed; resolutions: pixels per wavelength in
-    the densest material; grazing: smallest |w| of any order.
+    when the run was stopped; capped: it was stopped by the longest time allowed; seconds: CPU time; resolutions: pixels
+    per wavelength in the densest material; grazing: smallest |w| of any order.
     """
 
     q: Floats
@@ -131,7 +131,7 @@ def solve_direction(cell: Grating, u: float, v: float, settings: FdtdSettings) -
     return DirectionResult(
         q=np.array([best[0], v * best[2], best[1]]), absorptance=float(best[2]), error=error,
         energy_imbalance=imbalance, stress=stress, residual=decay.residual,
-        capped=decay.capped, seconds=watch.seconds, resolutions=tuple(n / periods(cell) for n, _ in done),
+        capped=decay.capped, seconds=watch.cpu_seconds, resolutions=tuple(n / periods(cell) for n, _ in done),
         grazing=grazing(cell, u, v),
     )
 

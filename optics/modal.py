@@ -151,7 +151,7 @@ def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, to
         "cutoffs": sorted(grazing),
         "energy_imbalance": float(np.abs(absorptance).max() if lossless else max(0.0, -absorptance.min())),
         ATTRIBUTE: normal_response(cell, order).as_dict(),
-        "wall_seconds": watch.seconds, "versions": versions("numpy", "scipy"),
+        "cpu_seconds": watch.cpu_seconds, "versions": versions("numpy", "scipy"),
     }
     return PressureTable(
         found.u, found.v, q, absorptance, error, True, False, attrs, cutoffs, q_stokes, absorptance_stokes, error_stokes

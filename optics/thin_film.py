@@ -296,7 +296,7 @@ def make_table(cell: ThinFilm, s_max: float, tolerance: float) -> PressureTable:
     attrs = {
         "name": cell.name, "solver": "thin_film", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
         "settings": {"s_max": s_max, "tolerance": tolerance}, "cutoffs": [],
-        "energy_imbalance": float(np.abs(film.imbalance).max()), "wall_seconds": watch.seconds,
+        "energy_imbalance": float(np.abs(film.imbalance).max()), "cpu_seconds": watch.cpu_seconds,
         "versions": versions("numpy", "scipy"),
     }
     # Closed form: what error there is comes from interpolation and rounding.

@@ -1,13 +1,12 @@
 """A disk that is full when a stage writes its HDF5 file: one line and exit code 2, no crash, what was there stays."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dynamics import basin, maps, mesh, rigid
-from dynamics.scene import Scene, read_scene
+from dynamics import basin, mesh, rigid
+from dynamics.scene import read_scene
 from optics import thin_film
 from optics.cells import read_cell
 from optics.fdtd_grid import FdtdSettings
@@ -16,8 +15,7 @@ from tests.membranes import altered, write_inputs
 from tests.processes import error, full_at, run
 
 ROOT = Path(__file__).parents[2]
-FIG6 = read_scene(ROOT / "workflow" / "scenes" / "fig6.yaml")
-SHORT = altered(FIG6, rigid={"duration_s": 0.01})
+SHORT = altered(read_scene(ROOT / "workflow" / "scenes" / "fig6.yaml"), rigid={"duration_s": 0.01})
 GRID = "offsets_m: [0.0, 0.1]\nn_offsets: 2\ntilts_deg: [-3.0, 3.0]\nn_tilts: 3\nduration_s: 0.01\n"
 
 
@@ -25,13 +23,13 @@ def film(folder: Path) -> list[str]:
     return ["--cell", str(ROOT / "workflow/designs/si43.yaml"), "--out", str(folder / "out" / "film.h5")]
 
 
-def on_tables(scene: Scene) -> Callable[[Path], list[str]]:
-    return lambda folder: write_inputs(folder, scene, "result.h5")
+def flight(folder: Path) -> list[str]:
+    return write_inputs(folder, SHORT, "result.h5")
 
 
 def mapped(folder: Path) -> list[str]:
     folder.joinpath("grid.yaml").write_text(GRID, encoding="utf-8")
-    return ["--grid", str(folder / "grid.yaml"), *write_inputs(folder, SHORT, "result.h5")]
+    return ["--grid", str(folder / "grid.yaml"), *flight(folder)]
 
 
 def meshed(folder: Path) -> list[str]:
@@ -39,8 +37,8 @@ def meshed(folder: Path) -> list[str]:
 
 
 STAGES = {
-    "table": (thin_film.main, film), "rigid flight": (rigid.main, on_tables(SHORT)),
-    "maps": (maps.main, on_tables(FIG6)), "basin": (basin.main, mapped), "mesh": (mesh.main, meshed),
+    "table": (thin_film.main, film), "rigid flight": (rigid.main, flight), "basin": (basin.main, mapped),
+    "mesh": (mesh.main, meshed),
 }
 
 

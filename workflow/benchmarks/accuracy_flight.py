@@ -11,8 +11,6 @@ second of flight, spin-up included, without compilation.
 
 from __future__ import annotations
 
-import argparse
-import csv
 import tempfile
 import time
 from collections.abc import Iterator
@@ -22,19 +20,17 @@ from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+from flown_rows import Tables, write_flown
 
 from dynamics.membrane import Flight
 from dynamics.model import build
-from dynamics.sail import load_tables
-from dynamics.scene import Scene, read_scene
+from dynamics.scene import Scene
 from optics.files import InputError, atomic, progress, run_stage
-from optics.table import PressureTable
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-from matplotlib.ticker import NullFormatter
-
-Tables = dict[str, PressureTable]
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
 
 DURATION = 0.05
 RINGS, FINEST = 10, 30
@@ -130,69 +126,68 @@ def rows(scene: Scene, sets: dict[str, Tables]) -> Iterator[Row]:
         yield flown(changed(scene, RINGS), other).row("tables", name, default)
 
 
-def write(path: Path, found: list[Row]) -> None:
-    """Write rows as CSV, atomically."""
-    with atomic(path) as temporary, Path(temporary).open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(Row._fields)
-        table.writerows([*row[:2], *(f"{x:.4e}" for x in row[2:])] for row in found)
-
-
-def markdown(path: Path, found: list[Row]) -> None:
-    """Write rows as a table for the README."""
+def markdown(found: list[Row]) -> str:
+    """Rows as a table for the README."""
     head = "| knob | setting | path, mm | peak temperature, K | largest strain, % | CPU s per s |"
     lines = [head, "|" + "---|" * 6]
     for row in found:
         errors = (row.error_path_m * 1e3, row.error_temperature_K, row.error_strain * 100)
         cells = ["–" if x == 0.0 else f"{x:.2g}" for x in errors]
         lines.append(f"| {row.knob} | {row.setting} | {' | '.join(cells)} | {row.seconds:.3g} |")
-    with atomic(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return "\n".join(lines) + "\n"
+
+
+TITLES = {
+    "time step": "time step, of the bound", "optics every": "optics every … steps", "heat every": "heat every … steps",
+}
+#: Column of a row, factor and label of what is drawn.
+ERRORS = (
+    ("error_path_m", 1e3, "place across the beam (mm)"), ("error_temperature_K", 1.0, "peak temperature (K)"),
+    ("error_strain", 100.0, "largest strain (%)"),
+)
+
+
+def _panel(axes: Axes, points: list[tuple[float, float, str]]) -> None:
+    """Errors of one knob against time, (seconds, error, setting) each; a line where the settings are numbers."""
+    points.sort()
+    ordered = all(setting[0].isdigit() for _, _, setting in points)
+    seconds, errors = [point[0] for point in points], [point[1] for point in points]
+    axes.loglog(seconds, errors, "o-" if ordered else "o", linewidth=0.8, markersize=4)
+    side = {"textcoords": "offset points", "rotation_mode": "anchor", "ha": "center" if ordered else "left"}
+    for k, (x, y, setting) in enumerate(points):
+        up = 1 - 2 * (k % 2)
+        place = {"xytext": (0 if ordered else 4, 5 * up), "va": "bottom" if up > 0 else "top"}
+        text = setting.split()[0] if ordered else setting
+        axes.annotate(text, (x, y), rotation=0 if ordered else 20 * up, fontsize=8, **place, **side)
+    wider = 1.5 * max(1.0, 2.0 / np.sqrt(seconds[-1] / seconds[0]))
+    axes.set_xlim(seconds[0] / wider, seconds[-1] * wider * (1.0 if ordered else 1.5))
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.grid(visible=True, alpha=0.3)
 
 
 def draw(path: Path, found: list[Row], title: str) -> None:
-    """Each kind of error against time, a mark a knob."""
-    figure, every = plt.subplots(1, 3, figsize=(15, 5), constrained_layout=True)
-    names = ("error_path_m", "error_temperature_K", "error_strain")
-    labels = ("error across the beam (m)", "error of the peak temperature (K)", "relative error of the largest strain")
-    for axes, name, label in zip(every, names, labels, strict=True):
-        for knob, mark in zip(dict.fromkeys(row.knob for row in found), "os^vDPX", strict=False):
-            chosen = [row for row in found if row.knob == knob and getattr(row, name) > 0]
-            axes.loglog([row.seconds for row in chosen], [getattr(row, name) for row in chosen], mark, label=knob)
-            for row in chosen:
-                axes.annotate(row.setting, (row.seconds, getattr(row, name)), fontsize=6, rotation=20)
-        axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.set(xlabel="CPU time of one second of flight (s)", ylabel=label)
-    every[0].legend()
-    figure.suptitle(f"{title}, first {DURATION:g} s; {RINGS} rings but for the rings' own row")
+    """Error against time: a line of panels an error, a column a knob. A setting without error has no point."""
+    knobs = list(dict.fromkeys(row.knob for row in found))
+    figure, panels = plt.subplots(
+        3, len(knobs), figsize=(3 * len(knobs), 9), sharex="col", sharey="row", layout="constrained", squeeze=False
+    )
+    for line, (name, factor, label) in zip(panels, ERRORS, strict=True):
+        for axes, knob in zip(line, knobs, strict=True):
+            mine = [(row.seconds, getattr(row, name) * factor, row.setting) for row in found if row.knob == knob]
+            if points := [point for point in mine if point[1] > 0.0]:
+                _panel(axes, points)
+        line[0].set(ylabel=f"error of the {label}")
+        line[0].margins(y=0.15)
+    for axes, knob in zip(panels[0], knobs, strict=True):
+        axes.set_title(TITLES.get(knob, knob))
+    figure.supxlabel("CPU time of one second of flight (s)")
+    figure.suptitle(f"{title}, first {DURATION:g} s; {RINGS} rings but for the first column")
     with atomic(path) as temporary:
         figure.savefig(temporary, format="png", dpi=150)
     plt.close(figure)
 
 
-def _set(text: str, scene: Scene) -> tuple[str, Tables]:
-    """'NAME=FILE,FILE' as (name, tables)."""
-    name, separator, files = text.partition("=")
-    if not separator:
-        raise InputError(f"--tables {text}: must be NAME=FILE,FILE…")
-    return name, load_tables(files.split(","), scene)
-
-
-def main() -> None:
-    """Measure, write and draw."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scene", required=True, type=Path)
-    parser.add_argument("--tables", required=True, nargs="+", help="NAME=FILE,FILE… of each source, the best first")
-    parser.add_argument("--out", required=True, type=Path, help="CSV to write")
-    parser.add_argument("--markdown", required=True, type=Path, help="table to write")
-    parser.add_argument("--png", required=True, type=Path, help="figure to write")
-    arguments = parser.parse_args()
-    scene = read_scene(arguments.scene)
-    found = list(rows(scene, dict(_set(text, scene) for text in arguments.tables)))
-    write(arguments.out, found)
-    markdown(arguments.markdown, found)
-    draw(arguments.png, found, scene.name)
-
-
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(lambda: write_flown(__doc__, rows, markdown, draw))

@@ -6,14 +6,12 @@
 The error of a trajectory is the distance, at 1 s, across the beam from the best flight: tolerance 1e-13,
 quadrature 1e-13, first of the tables. That of the multipliers is the largest distance to those of the first tables;
 they come from closed integrals and need neither tolerance nor quadrature. `spacing` takes the first tables' values on
-plain grids of so many direction cosines a step. Seconds of a flight are of one core, without compilation; those of
-tables what making them took, where the file says so.
+plain grids of so many direction cosines a step. All seconds are CPU time: of a flight without compilation, of tables
+what making them took, where the file says so.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
 import math
 import time
 from collections.abc import Iterator
@@ -22,17 +20,15 @@ from typing import NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+from flown_rows import Tables, write_flown
 
 from dynamics import floquet, rigid
-from dynamics.sail import load_tables
-from dynamics.scene import Scene, read_scene
-from optics.files import InputError, atomic, run_stage
+from dynamics.scene import Scene
+from optics.files import atomic, run_stage
 from optics.table import PressureTable
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-
-Tables = dict[str, PressureTable]
 
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 QUADRATURES = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-11)
@@ -98,18 +94,8 @@ def rows(scene: Scene, sets: dict[str, Tables]) -> Iterator[Row]:
             place, seconds = _flown(scene, tables, 1e-11, BEST)
             error = floquet.distance(floquet.analyse(scene, tables).multipliers, multipliers)
             directions = sum(table.error.size for table in tables.values())
-            made = sum(float(table.attrs.get("wall_seconds", math.nan)) for table in tables.values())
+            made = sum(float(table.attrs.get("cpu_seconds", math.nan)) for table in tables.values())
             yield Row(knob, name, error, math.dist(place, best), seconds, directions, made)
-
-
-def write(path: Path, found: list[Row]) -> None:
-    """Write rows as CSV, atomically; what has no value stays empty."""
-    with atomic(path) as temporary, Path(temporary).open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(Row._fields)
-        for row in found:
-            numbers = ("" if math.isnan(x) else f"{x:.4e}" for x in row[2:])
-            table.writerow([*row[:2], *numbers])
 
 
 def _cheapest(found: list[Row], goal: float) -> str:
@@ -171,30 +157,5 @@ def draw(path: Path, found: list[Row], title: str) -> None:
     plt.close(figure)
 
 
-def _set(text: str, scene: Scene) -> tuple[str, Tables]:
-    """'NAME=FILE,FILE' as (name, tables)."""
-    name, separator, files = text.partition("=")
-    if not separator:
-        raise InputError(f"--tables {text}: must be NAME=FILE,FILE…")
-    return name, load_tables(files.split(","), scene)
-
-
-def main() -> None:
-    """Measure, write and draw."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scene", required=True, type=Path)
-    parser.add_argument("--tables", required=True, nargs="+", help="NAME=FILE,FILE… of each source, the best first")
-    parser.add_argument("--out", required=True, type=Path, help="CSV to write")
-    parser.add_argument("--markdown", required=True, type=Path, help="short tables to write")
-    parser.add_argument("--png", required=True, type=Path, help="figure to write")
-    arguments = parser.parse_args()
-    scene = read_scene(arguments.scene)
-    found = list(rows(scene, dict(_set(text, scene) for text in arguments.tables)))
-    write(arguments.out, found)
-    with atomic(arguments.markdown) as temporary:
-        Path(temporary).write_text(markdown(found), encoding="utf-8")
-    draw(arguments.png, found, scene.name)
-
-
 if __name__ == "__main__":
-    run_stage(main)
+    run_stage(lambda: write_flown(__doc__, rows, markdown, draw))

@@ -14,14 +14,14 @@ import argparse
 import csv
 import math
 import tempfile
-import time
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numba
 import numpy as np
+from rows import seconds as best
 
 from dynamics.journal import leaves
 from dynamics.kernels import elastic, sheet, stencil
@@ -33,22 +33,13 @@ from optics.files import atomic, run_stage
 from optics.table import PressureTable
 
 SCENES = Path(__file__).parents[1] / "scenes"
+#: Of an evaluation of all elastic forces, of which the quickest counts.
+REPEATS = 200
 #: Doubles moved to or from memory and operations for each place of the lattice in a step of the triangles: three
 #: families of edges measured, two of triangles strained, three components pulled, nodes laid out and picked, and
 #: three passes of the integrator.
 DOUBLES = 3 * 8 + 2 * 18 + 3 * 14 + 2 * 7 + 3 * 9
 FLOPS = 3 * 8 + 2 * 46 + 3 * 20 + 3 + 3 * 6
-
-
-def best(work: Callable[[], object], repeats: int = 200) -> float:
-    """CPU seconds of a piece of work, the best of several."""
-    work()
-    least = math.inf
-    for _ in range(repeats):
-        start = time.process_time()
-        work()
-        least = min(least, time.process_time() - start)
-    return least
 
 
 @numba.njit(cache=False, error_model="numpy")
@@ -141,17 +132,18 @@ def elements(base: Scene, rings: int) -> list[tuple[str, float]]:
     m, w, x = net.model, net.work, net.state.x
     out, lists = np.empty_like(x), padded(net)
     a = m.springs
+    quickest = partial(best, repeats=REPEATS)
     found = [
-        ("springs, plain loop over edges", best(lambda: over_edges(x, a.start, a.end, a.stiffness, w.free, out))),
-        ("springs, padded lists of neighbours", best(lambda: over_nodes(x, *lists, out))),
-        ("springs, passes over lists", best(lambda: elastic.forces(a, x, w.free, w.pull, out))),
-        ("springs, stencil", best(lambda: stencil.pull(m.stencil, w.stencil, x))),
+        ("springs, plain loop over edges", quickest(lambda: over_edges(x, a.start, a.end, a.stiffness, w.free, out))),
+        ("springs, padded lists of neighbours", quickest(lambda: over_nodes(x, *lists, out))),
+        ("springs, passes over lists", quickest(lambda: elastic.forces(a, x, w.free, w.pull, out))),
+        ("springs, stencil", quickest(lambda: stencil.pull(m.stencil, w.stencil, x))),
     ]
     p, q, y = film.model, film.work, film.state.x
     return [
         *found,
-        ("triangles, passes over lists", best(lambda: sheet.forces(p.sheet, q.sheet, p.springs, y, q.pull, out))),
-        ("triangles, stencil", best(lambda: stencil.pull(p.stencil, q.stencil, y))),
+        ("triangles, passes over lists", quickest(lambda: sheet.forces(p.sheet, q.sheet, p.springs, y, q.pull, out))),
+        ("triangles, stencil", quickest(lambda: stencil.pull(p.stencil, q.stencil, y))),
         ("step of springs", best(lambda: steps(net, 64), 40) / 64),
         ("step of triangles", best(lambda: steps(film, 64), 40) / 64),
     ]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import csv
+import math
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -56,12 +57,20 @@ def write_measured(description: str | None, rows: Iterable[Row]) -> None:
         write(arguments.out, rows)
 
 
-def write(path: Path, rows: Iterable[Row]) -> None:
-    """Write rows as CSV, atomically."""
+def _text(value: Any) -> str:
+    """A cell of a CSV file: numbers to five digits, nothing for NaN."""
+    if not isinstance(value, float):
+        return str(value)
+    return "" if math.isnan(value) else f"{value:.4e}"
+
+
+def write(path: Path, rows: Iterable[NamedTuple]) -> None:
+    """Write rows of one kind, at least one, as CSV, atomically; what has no value stays empty."""
+    found = list(rows)
     with atomic(path) as temporary, Path(temporary).open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
-        table.writerow(Row._fields)
-        table.writerows([*row[:4], f"{row.error:.4e}", f"{row.seconds:.4e}"] for row in rows)
+        table.writerow(found[0]._fields)
+        table.writerows(map(_text, row) for row in found)
 
 
 def read(path: Path) -> list[Row]:

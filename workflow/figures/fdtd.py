@@ -1,4 +1,4 @@
-"""Error and cost of FDTD, direction by direction: deviation from the modal solution, wall time, its own estimate."""
+"""Error and cost of FDTD, direction by direction: deviation from the modal solution, CPU time, its own estimate."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def deviation(modal: PressureTable, rows: dict[str, Floats]) -> Floats:
 
 
 def draw(designs: dict[str, tuple[Floats, dict[str, Floats]]]) -> Figure:
-    """Deviation against wall time and against the estimate; a colour a design, a marker a resolution."""
+    """Deviation against CPU time and against the estimate; a colour a design, a marker a resolution."""
     figure, (cost, honesty) = plt.subplots(1, 2, figsize=(9.5, 4.4), sharey=True)
     finest = np.unique(np.concatenate([rows["finest"].round() for _, rows in designs.values()]))
     for (name, (away, rows)), colour in zip(designs.items(), COLOURS, strict=False):
@@ -49,7 +49,7 @@ def draw(designs: dict[str, tuple[Floats, dict[str, Floats]]]) -> Figure:
     everything = [rows["error"] for _, rows in designs.values()]
     ends = [min(e.min() for e in everything), max(e.max() for e in everything)]
     honesty.loglog(ends, ends, color="0.5", lw=0.8, label="estimate = deviation")
-    cost.set(xlabel="wall time of the direction (s)", ylabel="|FDTD − modal|, larger of q_g and q_n")
+    cost.set(xlabel="CPU time of the direction (s)", ylabel="|FDTD − modal|, larger of q_g and q_n")
     honesty.set(xlabel="error estimated by FDTD itself")
     honesty.xaxis.set_minor_formatter(NullFormatter())
     cost.legend()

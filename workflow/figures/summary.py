@@ -34,7 +34,7 @@ def table_rows(path: Path) -> Iterator[Row]:
     yield "table", of, "directions", f"{table.u.size} × {table.v.size}", ""
     yield "table", of, "error of q, median", _number(float(np.median(table.error))), ""
     yield "table", of, "error of q, largest", _number(float(table.error.max())), ""
-    for key, unit in (("energy_imbalance", ""), ("wall_seconds", "s")):
+    for key, unit in (("energy_imbalance", ""), ("cpu_seconds", "s")):
         if key in table.attrs:
             yield "table", of, key.replace("_", " "), _number(float(table.attrs[key])), unit
 
