@@ -1,4 +1,7 @@
-"""What accuracy costs in flexible flight, on tables of several sources. `snakemake accuracy_flight` asks for it."""
+"""What accuracy costs in flexible flight, on tables of several sources, and in tracing light within a curved sail.
+
+`snakemake accuracy_flight accuracy_reflections` asks for both.
+"""
 
 
 rule accuracy_flight:
@@ -25,3 +28,26 @@ rule accuracy_flight:
     shell:
         "python workflow/benchmarks/accuracy_flight.py --scene {input.scene} --tables {params.tables}"
         " --out {output.csv} --markdown {output.markdown} --png {output.png} > {log} 2>&1"
+
+
+rule accuracy_reflections:
+    input:
+        scene="workflow/scenes/fig4_reflections.yaml",
+        tables="results/tables/si43/thin_film.h5",
+        sources=sources("workflow/benchmarks/accuracy_reflections.py"),
+    output:
+        csv="results/accuracy/reflections.csv",
+        markdown="results/accuracy/reflections.md",
+    log:
+        "results/logs/accuracy/reflections.log",
+    benchmark:
+        "results/benchmarks/accuracy/reflections.tsv"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=20,
+    message:
+        "Error of the light within a curved sail against rays and rings"
+    shell:
+        "python workflow/benchmarks/accuracy_reflections.py --scene {input.scene} --tables {input.tables}"
+        " --out {output.csv} --markdown {output.markdown} > {log} 2>&1"
