@@ -182,6 +182,32 @@ def test_a_right_angle_tells_s_from_p(tmp_path: Path, tables: dict[str, Pressure
         assert np.allclose(force(row), [0.0, 0.0, push * power / LIGHT_SPEED], rtol=1e-6, atol=1e-7)
 
 
+def test_a_paraboloid_keeps_s_and_p_apart(tmp_path: Path, tables: dict[str, PressureTable]):
+    """Axial rays stay in their meridional plane: those from r hit again at 4f²/r, where that is within the rim.
+
+    What leaves is the mean of R_s R_s' and R_p R_p', not the product of means; the error is that of the mesh.
+    """
+    left = {}
+    for kind in ("tracked", "mean"):
+        flight, row = tracked(
+            tmp_path, tables, "glassy", 40.0, sail=BOWL, rings=24, reflections={"polarisation": kind, "rays_a_side": 2},
+        )
+        left[kind] = flight.work.mirror.account[reflections.LEAVES] / row[COLUMNS["power_incident"]]
+    f, rim = 0.5 / (4 * 1.4), flight.model.rest[:2].max()
+    r = rim * np.sqrt((np.arange(4000) + 0.5) / 4000)  # of equal areas
+
+    def shares(r: np.ndarray) -> np.ndarray:
+        """R_s, R_p (2, n) where the slope is r/2f."""
+        found = polarised(GLASSY, np.sin(np.arctan(r / (2 * f))))
+        return np.stack([found[0] ** 2 + found[1] ** 2, found[2] ** 2 + found[3] ** 2])
+
+    once, again = shares(r), np.where(4 * f**2 / r < rim, shares(np.minimum(4 * f**2 / r, rim)), 1.0)
+    want = (once * again).mean()
+    assert left["tracked"] == pytest.approx(want, rel=5e-3)
+    assert left["mean"] == pytest.approx((once.mean(axis=0) * again.mean(axis=0)).mean(), rel=5e-3)
+    assert abs(left["mean"] / want - 1.0) > 0.02
+
+
 def crumpled(x: np.ndarray) -> np.ndarray:
     return x + 0.03 * np.random.default_rng(7).standard_normal(x.shape)
 
