@@ -77,5 +77,6 @@ def build_curves(scene: Scene, mesh: Mesh, effects: dict[str, Effect], warm: boo
         capacity=_curve(
             warm, scene, mesh, ("heat_capacity_J_kgK",), per_triangle(sail, mesh, "areal_mass") * mesh.areas, False,
         ),
-        expansion=expansion, rate=flight.thermal_rate, sides=mesh.triangle_edges,
+        expansion=expansion, rate=flight.thermal_rate,
+        sides=mesh.triangle_edges if conduction.region.size else mesh.triangle_edges[:0],
     )

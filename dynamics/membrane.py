@@ -11,9 +11,11 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import sys
 import tempfile
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,23 +27,27 @@ from dynamics.command import stage_arguments
 from dynamics.flight import Frame, series, write_flight
 from dynamics.journal import Journal, leaves, numbers_digest
 from dynamics.kernels import failure, properties, record, sheet, tearing
+from dynamics.kernels.crew import assist
 from dynamics.kernels.elastic import REFERENCE_TEMPERATURE
-from dynamics.kernels.step import State, Work, run
+from dynamics.kernels.flown import Work
+from dynamics.kernels.integrators import State
+from dynamics.kernels.step import run
 from dynamics.lattice import Floats
 from dynamics.mesh import sail_mesh
 from dynamics.mesh_checks import check_shadow
 from dynamics.model import Membrane, build
 from dynamics.sail import check_release, load_tables, provenance, require_own_polarisation
 from dynamics.scene import Scene, plan, read_scene
+from dynamics.stencil import kept
 from dynamics.work_space import initial_state, work_space
 from optics.compiled import digest
-from optics.files import Stopwatch, progress, run_stage, write_json
+from optics.files import InputError, Stopwatch, progress, run_stage, write_json
 from optics.table import PressureTable
 
 #: Steps a kernel call: long against a call's cost, short against a checkpoint's interval.
 CHUNK = 512
 #: Part of the fingerprint of a checkpoint, as are the compiled sources: raise it when this module gives other numbers.
-SCHEMA = 2
+SCHEMA = 3
 REASONS = {
     failure.INTACT: "finished", failure.TENSILE: "tensile_failure", failure.THERMAL: "thermal_failure",
     failure.LEFT_TABLE: "left_table", failure.FLY_AWAY: "fly_away", failure.NON_FINITE: "non_finite",
@@ -63,13 +69,16 @@ class End:
 class Flight:
     """A flexible flight in progress: its state, and the journal it writes."""
 
-    def __init__(self, scene: Scene, tables: dict[str, PressureTable], folder: Path) -> None:
+    def __init__(self, scene: Scene, tables: dict[str, PressureTable], folder: Path, threads: int = 1) -> None:
         self.membrane: Membrane = build(scene, tables)
         self.model = self.membrane.model
         self.state: State = initial_state(self.membrane)
         self.work: Work = work_space(
-            self.model, scene.flight.on_failure, self.membrane.lattice.conductance_shares
+            self.model, scene.flight.on_failure, self.membrane.lattice.conductance_shares, threads
         )
+        # What a later run needs, which may have another number of threads
+        self._kept = self.work._replace(stencil=kept(self.work.stencil))
+        self._others = ThreadPoolExecutor(threads)
         self.step, self.fresh = 0, True
         self._wall, self._watch, self._saved = 0.0, Stopwatch(), Stopwatch()
         n = self.model.masses.size
@@ -87,7 +96,7 @@ class Flight:
 
     def resume(self) -> bool:
         """Go on from the checkpoint in the journal's folder, if there is one of this very flight."""
-        counters = self.journal.restore(self._fingerprint, self.state, self.work)
+        counters = self.journal.restore(self._fingerprint, self.state, self._kept)
         if counters is not None:
             self.step, self.fresh, self._wall = int(counters["step"]), bool(counters["fresh"]), counters["wall"]
         return counters is not None
@@ -95,7 +104,7 @@ class Flight:
     def checkpoint(self) -> None:
         """Save the state from which `resume` goes on."""
         counters = {"step": self.step, "fresh": self.fresh, "wall": self.wall_seconds}
-        self.journal.save(self._fingerprint, counters, self.state, self.work)
+        self.journal.save(self._fingerprint, counters, self.state, self._kept)
         self._saved = Stopwatch()
 
     def fly(self) -> End:
@@ -117,15 +126,13 @@ class Flight:
         """One kernel call: to the next frame, the release, or CHUNK steps on; the end, if it came."""
         if self.step == 0 and self.fresh:
             self._frame()
-        kept = [array.copy() for _, array in self._arrays()]
+        before = [array.copy() for _, array in self._arrays()]
         start, fresh = self.step, self.fresh
-        code, self.step, written = run(
-            self.model, self.state, self.work, start, self._stop(), fresh, self._rows
-        )
+        code, self.step, written = self._run(start, self._stop(), fresh)
         self.fresh = False
         self.journal.add_rows(self._rows[:written])
         if code != failure.INTACT:
-            return self._fail(code, kept, start, fresh)
+            return self._fail(code, before, start, fresh)
         if self.step == self.model.release:
             release(self.membrane, self.state)
             self.fresh = True
@@ -133,9 +140,22 @@ class Flight:
             self._frame()
         return None
 
+    def _run(self, start: int, stop: int, fresh: bool) -> tuple[int, int, int]:
+        """`step.run`, with the other threads at its side."""
+        work, model = self.work, self.model
+        work.stencil.scratch.board[:] = 0
+        others = [
+            self._others.submit(assist, model.stencil, work.stencil, model.light, work.light, work.ahead, thread)
+            for thread in range(1, work.stencil.scratch.bad.size)
+        ]
+        found = run(model, self.state, work, start, stop, fresh, self._rows)
+        for other in others:
+            other.result()
+        return found
+
     def _arrays(self) -> Iterator[tuple[str, Any]]:
         yield from leaves(self.state)
-        yield from leaves(self.work)
+        yield from leaves(self._kept)
 
     def _stop(self) -> int:
         """The step up to which the next kernel call goes."""
@@ -151,14 +171,14 @@ class Flight:
         failed = self.work.broken.failed.astype(float)
         self.journal.add_frame(np.array([time]), self.state.x.T, self.state.v.T, temperature, failed)
 
-    def _fail(self, code: int, kept: list[Any], start: int, fresh: bool) -> End:
+    def _fail(self, code: int, before: list[Any], start: int, fresh: bool) -> End:
         """The end, with the state at which it came as last frame; for a non-finite one the last good state instead."""
         node = self._broken_node()
         if code == failure.NON_FINITE:
-            for (_, array), copy in zip(self._arrays(), kept, strict=True):
+            for (_, array), copy in zip(self._arrays(), before, strict=True):
                 array[...] = copy
             if self.step > start:
-                run(self.model, self.state, self.work, start, self.step - 1, fresh, self._rows)
+                self._run(start, self.step - 1, fresh)
                 self.step -= 1
         self._frame()
         return self._end(code, node)
@@ -287,9 +307,14 @@ def fly(scene: Scene, tables: dict[str, PressureTable]) -> tuple[Flight, End, di
 
 def main() -> None:
     """Fly the flexible sail of a scene and write its flight."""
-    more = {"--plan": "JSON file for the plan of effects"}
+    more = {
+        "--plan": "JSON file for the plan of effects",
+        "--threads": {"type": int, "default": 1, "help": "threads that fly the sail, at most one a core (%(default)s)"},
+    }
     given = stage_arguments("dynamics.membrane", main.__doc__, "VTKHDF file to write", options=more)
     out = Path(given.out)
+    if not 1 <= given.threads <= len(os.sched_getaffinity(0)):
+        raise InputError(f"--threads = {given.threads}: must be from 1 to {len(os.sched_getaffinity(0))}, the cores")
     scene = read_scene(given.scene)
     if scene.reflections.polarisation != "tracked":
         require_own_polarisation(scene, "a flexible flight without reflections.polarisation: tracked")
@@ -298,7 +323,7 @@ def main() -> None:
     if given.plan:
         write_json(given.plan, {name: effect.model_dump() for name, effect in plan(scene).items()})
     check_tilt(scene)
-    flight = Flight(scene, tables, out.with_name(out.name + ".partial"))
+    flight = Flight(scene, tables, out.with_name(out.name + ".partial"), given.threads)
     if flight.resume():
         print(f"{scene.name}: going on from step {flight.step}", file=sys.stderr)
     end = flight.fly()

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from dynamics.curves import build_curves
 from dynamics.kernels import (
     elastic,
+    flown,
     integrators,
     optical,
     polarisation,
     reflections,
     sheet,
     spin,
-    step,
     thermal,
     tree,
     triangles,
@@ -39,7 +39,7 @@ from dynamics.mesh import Integers, Mesh, sail_mesh
 from dynamics.mesh_checks import check_mesh
 from dynamics.regions import directions
 from dynamics.scene import Effect, Scene, plan
-from dynamics.stencil import layout, with_elements
+from dynamics.stencil import layout, with_springs
 from dynamics.time_step import check_heat, damped_share
 from optics.files import InputError
 from optics.table import PressureTable, TableArrays
@@ -61,7 +61,7 @@ class Membrane:
     effects: Plan
     mesh: Mesh
     lattice: Lattice
-    model: step.Model
+    model: flown.Model
 
     @property
     def elastic_triangles(self) -> bool:
@@ -119,11 +119,12 @@ def _sheet(scene: Scene, mesh: Mesh, effects: Plan) -> sheet.Sheet:
     )
 
 
-def _triangles(scene: Scene, mesh: Mesh) -> triangles.Triangles:
+def _triangles(scene: Scene, mesh: Mesh, warm: bool) -> triangles.Triangles:
     t = len(mesh.triangles)
     which = np.repeat(np.arange(t), 3)
+    lists = slots(mesh.triangles.ravel(), len(mesh.nodes), which, t)
     return triangles.Triangles(
-        corners=unsigned(mesh.triangles.T), slots=slots(mesh.triangles.ravel(), len(mesh.nodes), which, t),
+        corners=unsigned(mesh.triangles.T), slots=lists if warm else lists[:, :0],
         masses=per_triangle(scene.sail, mesh, "areal_mass") * mesh.areas,
     )
 
@@ -171,10 +172,12 @@ def _light(scene: Scene, mesh: Mesh, tables: dict[str, PressureTable], effects: 
     absorptance = per_triangle(scene.sail, mesh, "absorptance")
     if scene.absorptance == "table":
         absorptance = np.where(np.array([r.design is not None for r in regions])[mesh.sector], -1.0, absorptance)
-    g = directions(mesh.nodes[mesh.triangles].mean(axis=1), mesh.sector, scene.sail)[:, :2]
+    g = directions(mesh.nodes[mesh.triangles].mean(axis=1), mesh.sector, scene.sail).T[:2]
     return optical.Light(
-        corners=unsigned(mesh.triangles.T), cos_across=_if(on, mesh.cos_across), sin_across=_if(on, mesh.sin_across),
-        rest_g=np.ascontiguousarray(g.T), absorptance=_if(on, absorptance),
+        corners=unsigned(mesh.triangles.T if on else mesh.triangles.T[:, :0]),
+        cos_across=_if(on, mesh.cos_across), sin_across=_if(on, mesh.sin_across),
+        rest_g=np.ascontiguousarray(g if scene.incidence == "yaw_blind" else g[:, :0]),
+        absorptance=_if(on, absorptance),
         reflectance=_if(on, np.array([r.reflectance or 0.0 for r in regions])[mesh.sector]),
         tables=_tables([tables[design].arrays(nearest) for design in scene.sail.designs] if on else [], nearest),
         ranges=_ranges(scene, mesh), intensity=scene.beam.intensity_W_m2, radius=scene.beam.radius_m,
@@ -277,11 +280,11 @@ def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
     spin_up = _spin_up(scene, effects, dt)
     release = max(spin_up.steps, 1)
     springs, elements = _springs(mesh, lat, effects), _sheet(scene, mesh, effects)
-    model = step.Model(
+    model = flown.Model(
         springs=springs, sheet=elements,
-        stencil=with_elements(layout(mesh, scene.sail.outline, scene.sail.rings), springs, elements),
+        stencil=with_springs(layout(mesh, scene.sail.outline, scene.sail.rings, lat.masses), springs),
         retardation=_if(effects["damping"].on, per_triangle(scene.sail, mesh, "damping_s")),
-        triangles=_triangles(scene, mesh),
+        triangles=_triangles(scene, mesh, is_warm(effects)),
         masses=lat.masses, per_mass=1.0 / lat.masses, rest=np.ascontiguousarray(centred(mesh, lat.masses).T),
         lit=effects["light"].on, light=_light(scene, mesh, tables, effects),
         mirror=_mirror(scene, mesh, lat, tables, effects), warm=is_warm(effects),

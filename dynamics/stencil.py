@@ -2,80 +2,137 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.kernels import crew
 from dynamics.kernels.elastic import Springs
+from dynamics.kernels.elements import GUARD
 from dynamics.kernels.sheet import Sheet
-from dynamics.kernels.stencil import Stencil, StencilWork
-from dynamics.mesh import Floats, Mesh
+from dynamics.kernels.stencil import BAND, Families, Scratch, Stencil, StencilWork
+from dynamics.mesh import Floats, Integers, Mesh
 from dynamics.shapes import lattice_points
 
 #: Where dead nodes lie in z, in m, as no sail ever does; and ℓ/L of springs that never tear.
 FAR, NEVER = -1e9, 1e300
+_LINE = int(GUARD)
 
 
-def _unsigned(values: Any) -> NDArray[np.uint32]:
-    return np.ascontiguousarray(values, dtype=np.uint32)
+def aligned(*shape: int) -> Floats:
+    """Zeros that begin at a line of the cache: vectors that cross lines cost twice."""
+    size = int(np.prod(shape))
+    raw = np.zeros(size + _LINE)
+    skip = -(raw.ctypes.data // 8) % _LINE
+    return raw[skip : skip + size].reshape(shape)
+
+
+def _unsigned(values: Any, kind: Any = np.uint32) -> Any:
+    return np.ascontiguousarray(values, dtype=kind)
 
 
 def _fill(slots: NDArray[np.uint32], values: Floats, shape: tuple[int, ...], dead: float = 0.0) -> Floats:
     """An array of `dead` with values (m,) in their slots (m,); an empty one where there are no values."""
-    out = np.full(shape if values.size else (0,) * len(shape), dead)
+    out = aligned(*(shape if values.size else (0,) * len(shape)))
+    out[...] = dead
     out.reshape(-1)[slots[: values.size]] = values
     return out
 
 
-def layout(mesh: Mesh, outline: str, rings: int) -> Stencil:
-    """The layout, without elements, of a mesh whose triangles are those of `shapes.shape_triangles` in any order."""
-    width = 2 * rings + 1
-    margin = width + 2  # all that belongs to a place that may be alive lies within the arrays
-    size = width * width + 2 * margin
-    place = (lattice_points(outline, rings) + rings) @ [width, 1] + margin
-    a, b = place[mesh.edges.T]
-    shifts, family = np.unique(np.abs(b - a), return_inverse=True)
-    corners = place[mesh.triangles]
-    first = corners.argmin(axis=1)[:, None]
-    corners = np.take_along_axis(corners, (first + np.arange(3)) % 3, axis=1)
-    shapes, which = np.unique(corners - corners[:, :1], axis=0, return_inverse=True)
-    ends = np.stack([shapes, np.roll(shapes, -1, axis=1)])
-    sides = np.stack([np.searchsorted(shifts, np.abs(ends[1] - ends[0])), ends.min(axis=0)], axis=-1)
-    slots = (3 * which.reshape(-1, 1) + (np.arange(3) - first) % 3) * size + corners[:, :1]
-    none = np.empty((0, 0))
+def _families(steps: Integers, first: Integers, start: Integers) -> Families:
+    """Of families whose other corners are `steps` (f, c, 2) rows and columns away from their first one.
+
+    first (r,): the column of the first place of each row; start (r,): that place. Where there is no row beyond, a place
+    that is not the same one stands for that of the corner, and zeros for the forces.
+    """
+    rows = len(first)
+    ahead, slot, begin = np.empty((3, rows, *steps.shape[:2]), np.int64)
+    ahead[...], slot[...], begin[...] = 1, 2, _LINE
+    for r in range(rows):
+        for place in np.ndindex(*steps.shape[:2]):
+            down, across = steps[place]
+            if r + down < rows:
+                ahead[r, *place] = start[r + down] - start[r] + across + first[r] - first[r + down]
+                slot[r + down, *place] = r % 2
+                begin[r + down, *place] = _LINE + first[r + down] - first[r] - across
+    return Families(_unsigned(ahead, np.uint64), slot, _unsigned(begin, np.uint64))
+
+
+def layout(mesh: Mesh, outline: str, rings: int, masses: Floats) -> Stencil:
+    """The layout, without springs, of a mesh whose triangles are those of `shapes.shape_triangles` in any order."""
+    points = lattice_points(outline, rings) + rings
+    rows = 2 * rings + 1
+    first, last = np.full(rows, rows), np.zeros(rows, np.int64)
+    np.minimum.at(first, points[:, 0], points[:, 1])
+    np.maximum.at(last, points[:, 0], points[:, 1])
+    # One more place than nodes: what the row above looks for beyond the last triangle is there
+    width = -(-(last - first + 2) // _LINE) * _LINE
+    start = _LINE + np.cumsum(width) - width
+    size = int(width.sum() + width.max()) + 2 * _LINE
+    place = start[points[:, 0]] + points[:, 1] - first[points[:, 0]]
+    corner = place[mesh.triangles].argmin(axis=1)[:, None]
+    corners = np.take_along_axis(mesh.triangles, (corner + np.arange(3)) % 3, axis=1)
+    steps = points[corners[:, 1:]] - points[corners[:, :1]]
+    shapes, which = np.unique(steps.reshape(-1, 4), axis=0, return_inverse=True)
+    low, high = np.sort(place[mesh.edges], axis=1).T
+    node = np.argsort(place)
+    apart = points[node[np.searchsorted(place[node], high)]] - points[node[np.searchsorted(place[node], low)]]
+    ways, family = np.unique(apart, axis=0, return_inverse=True)
+    cells = which.ravel() * size + place[corners[:, 0]]
+    sides = (3 * which.reshape(-1, 1) + (np.arange(3) - corner) % 3) * size + place[corners[:, :1]]
+    per_mass = aligned(size)
+    per_mass[place] = 1.0 / masses
     return Stencil(
-        place=_unsigned(place), shifts=shifts, sides=sides, corners=shapes[:, 1:].copy(),
-        turns=_unsigned(first.ravel()), slots=_unsigned(slots.T.ravel()),
-        cells=_unsigned(which.ravel() * size + corners[:, 0]),
-        edges=_unsigned(family.ravel() * size + np.minimum(a, b)), size=size, begin=margin, end=size - margin,
-        stiffness=none, stretch=none, cotangent=np.empty((0, 0, 0)), poisson=none,
+        start=_unsigned(start, np.uint64), width=_unsigned(width, np.uint64), place=_unsigned(place),
+        triangles=_families(shapes.reshape(-1, 2, 2), first, start), edges=_families(ways[:, None], first, start),
+        turns=_unsigned(corner.ravel()), cells=_unsigned(cells), slots=_unsigned(sides.T.ravel()),
+        joins=_unsigned(family.ravel() * size + low), per_mass=per_mass, stiffness=np.empty((0, 0)),
+        stretch=np.empty((0, 0)),
     )
 
 
-def with_elements(stencil: Stencil, springs: Springs, sheet: Sheet) -> Stencil:
-    """A layout with its springs or triangles."""
-    k, f, p = stencil.shifts.size, len(stencil.sides), stencil.size
+def with_springs(stencil: Stencil, springs: Springs) -> Stencil:
+    """A layout with its springs."""
+    shape = (stencil.edges.ahead.shape[1], stencil.per_mass.size)
     stretch = springs.stretch if springs.stretch.size else np.full(springs.stiffness.size, NEVER)
     return stencil._replace(
-        stiffness=_fill(stencil.edges, springs.stiffness, (k, p)),
-        stretch=_fill(stencil.edges, stretch, (k, p), NEVER),
-        cotangent=_fill(stencil.slots, sheet.cotangent, (f, 3, p)),
-        poisson=_fill(stencil.cells, sheet.poisson, (f, p)),
+        stiffness=_fill(stencil.joins, springs.stiffness, shape), stretch=_fill(stencil.joins, stretch, shape, NEVER)
     )
 
 
-def stencil_work(stencil: Stencil, springs: Springs, sheet: Sheet, lit: bool) -> StencilWork:
-    """Work space, with all elements as they are at rest."""
-    k, f, p = stencil.shifts.size, len(stencil.sides), stencil.size
-    limit = sheet.limit if sheet.limit.size else np.full(sheet.modulus.size, np.inf)
-    lengths = springs.rest[: springs.stiffness.size]
-    light = (f, 3, p) if lit else (0, 0, 0)
+def scratch_space(stencil: Stencil, regions: int, lit: bool, threads: int) -> Scratch:
+    """What lies between the passes over a row, for so many threads and a sail of `regions`."""
+    across, p = int(stencil.width.max()) + 2 * _LINE, stencil.per_mass.size
+    springs, bands = stencil.stiffness.size > 0, -(-stencil.start.size // BAND)
+    f, k = stencil.triangles.ahead.shape[1], stencil.edges.ahead.shape[1]
+    x = aligned(2, 3, p)
+    x[:, 0], x[:, 2] = np.arange(p), FAR
+    done = np.cumsum(np.add.reduceat(stencil.width.astype(float), np.arange(0, stencil.start.size, BAND)))
+    shares = [0, *(int(np.argmin(np.abs(done - done[-1] * j / threads))) + 1 for j in range(1, threads)), bands]
+    return Scratch(
+        x=x, v=aligned(2, 3, p), acceleration=aligned(3, p),
+        corners=aligned(threads, 3, f, 3, 3, across) if lit or not springs else aligned(0, 0, 0, 0, 0, 0),
+        ends=aligned(threads, 3, k, 3, across) if springs else aligned(0, 0, 0, 0, 0),
+        push=aligned(threads, 3, across if lit else 0), force=aligned(threads, 3, across), bands=aligned(bands, 3),
+        bad=np.zeros(threads, np.int64), shares=np.array(shares), found=np.zeros((threads, regions, 4), np.int64),
+        board=np.zeros(crew.BOARD, np.int64), orders=np.zeros(crew.ORDERS),
+    )
+
+
+def stencil_work(stencil: Stencil, springs: Springs, sheet: Sheet, lit: bool, scratch: Scratch) -> StencilWork:
+    """Work space, with all elements as they are at rest but for what triangles carry."""
+    k, f, p = stencil.edges.ahead.shape[1], stencil.triangles.ahead.shape[1], stencil.per_mass.size
+    elastic = sheet.modulus.size > 0
     return StencilWork(
-        x=np.stack([np.arange(p), np.zeros(p), np.full(p, FAR)]), squares=np.zeros((k, p)), tension=np.zeros((k, p)),
-        force=np.zeros((3, p)), lengths=_fill(stencil.edges, lengths, (k, p), 1.0),
-        free=_fill(stencil.slots, sheet.rest, (f, 3, p)), modulus=_fill(stencil.cells, sheet.modulus, (f, p)),
-        limit=_fill(stencil.cells, limit, (f, p), np.inf), held=np.zeros(light), push=np.zeros(light),
-        row=np.zeros(math.isqrt(stencil.end - stencil.begin) if lit else 0),
+        lengths=_fill(stencil.joins, springs.rest[: springs.stiffness.size], (k, p), 1.0),
+        free=_fill(stencil.slots, sheet.rest, (f, 3, p)), scale=aligned(*((f, 3, p) if elastic else (0, 0, 0))),
+        shear=aligned(*((f, p) if elastic else (0, 0))), bound=_fill(stencil.cells, sheet.modulus, (f, p), NEVER),
+        held=aligned(*((f, 3, p) if lit else (0, 0, 0))), scratch=scratch,
     )
+
+
+def kept(work: StencilWork) -> StencilWork:
+    """The part of the work space that a later run needs, whatever its number of threads."""
+    none = {name: np.zeros((0,) * value.ndim, value.dtype) for name, value in work.scratch._asdict().items()}
+    return work._replace(scratch=Scratch(**none))

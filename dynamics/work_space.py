@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynamics.kernels import damping, integrators, optical, reflections, sheet, step, tearing, thermal
+from dynamics.kernels import damping, integrators, optical, reflections, sheet, tearing, thermal
+from dynamics.kernels.flown import Model, Work
+from dynamics.kernels.step import lay_out
 from dynamics.mesh import Floats
 from dynamics.model import Membrane
-from dynamics.stencil import stencil_work
+from dynamics.stencil import scratch_space, stencil_work
 
 #: Shares of the conductance of a sail that is never torn.
 NONE = np.empty((0, 3))
@@ -40,7 +42,7 @@ def _mirror_work(mirror: reflections.Mirror) -> reflections.MirrorWork:
     )
 
 
-def _broken(model: step.Model, on_failure: str, shares: Floats) -> tearing.Broken:
+def _broken(model: Model, on_failure: str, shares: Floats) -> tearing.Broken:
     """Nothing failed yet; shares (t, 3): of the conductance."""
     size = model.triangles.masses.size
     failed, gone = (size if on_failure != "stop" else 0), (size if on_failure == "remove" else 0)
@@ -51,7 +53,9 @@ def _broken(model: step.Model, on_failure: str, shares: Floats) -> tearing.Broke
     )
 
 
-def work_space(model: step.Model, on_failure: str = "stop", shares: Floats = NONE) -> step.Work:
+def work_space(
+    model: Model, on_failure: str = "stop", shares: Floats = NONE, threads: int = 1
+) -> Work:
     """Work arrays for a model; those of effects that are off, and of rk4 where it is not used, are empty.
 
     shares (t, 3): what each triangle gives its sides of their conductance in W/K; only needed to 'remove' triangles.
@@ -66,21 +70,27 @@ def work_space(model: step.Model, on_failure: str = "stop", shares: Floats = NON
     elements = model.sheet.modulus.size
     elastic_sheet = sheet.SheetWork(
         free=model.sheet.rest.copy(), squares=np.zeros(m if elements else 0), trace=np.zeros(elements),
-        tension=np.zeros(3 * elements + 1 if elements else 0), sum=np.zeros(elements),
+        tension=np.zeros(3 * elements), sum=np.zeros(elements),
         modulus=model.sheet.modulus.copy(), shear=model.sheet.shear.copy(), limit=model.sheet.limit.copy(),
     )
     damped = model.retardation.size > 0
     viscous = damping.DampingWork(
         pull=np.zeros((3, 2 * m + 1 if damped else 0)), rate=np.zeros(m if damped else 0),
-        tension=np.zeros(3 * t + 1 if damped else 0), force=np.zeros((3, n if damped else 0)),
+        tension=np.zeros(3 * t + 1 if damped else 0),
+        force=np.zeros((3, n if damped else 0)),
     )
-    return step.Work(
-        free=model.springs.rest.copy(), sheet=elastic_sheet,
-        stencil=stencil_work(model.stencil, model.springs, model.sheet, model.lit), damping=viscous,
-        pull=np.zeros((3, 2 * m + 1)), acceleration=np.zeros((3, n)), sides=np.zeros((6, t)),
+    work = Work(
+        free=model.springs.rest[: model.springs.stiffness.size].copy(), sheet=elastic_sheet,
+        stencil=stencil_work(
+            model.stencil, model.springs, model.sheet, model.lit,
+            scratch_space(model.stencil, len(model.light.ranges), model.lit, threads),
+        ), damping=viscous,
+        acceleration=np.zeros((3, n)), sides=np.zeros((6, t if model.lit or model.warm else 0)),
         light=_light_work(model.light.absorptance),
         mirror=_mirror_work(model.mirror), broken=_broken(model, on_failure, shares), heat=heat,
         flags=np.zeros(2, np.int64), gain=np.zeros(1),
-        ahead=np.zeros((3, n if model.lit and model.optics_every > 1 else 0)),
+        ahead=np.zeros((3, n if model.lit else 0)),
         stage=integrators.Stage(*np.zeros((4, 3, stages)), *np.zeros((2, stages if model.warm else 0))),
     )
+    lay_out(model, work)
+    return work

@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 import yaml
 
+from dynamics.kernels import stencil
+from dynamics.kernels.crew import sweep_all
 from dynamics.kernels.record import WIDTH
 from dynamics.kernels.step import run
+from dynamics.lattice import side_moduli
 from dynamics.membrane import Flight
 from dynamics.scene import Scene, read_scene
 from tests.synthetic import smooth_tables
@@ -72,3 +75,35 @@ def write_inputs(folder: Path, scene: Scene, out: str = "flight.vtkhdf") -> list
         table.write(folder / f"{name}.h5")
         names.append(str(folder / f"{name}.h5"))
     return ["--scene", str(path), "--tables", *names, "--out", str(folder / "out" / out)]
+
+
+def stencil_forces(flight: Flight, x: np.ndarray, gain: float = 0.0) -> tuple[np.ndarray, int]:
+    """Forces (3, n) in N on nodes x (3, n), by the stencil; how many elements may have failed."""
+    m, work = flight.model, flight.work.stencil
+    stencil.lay(m.stencil.place, np.ascontiguousarray(x), work.scratch.x[0])
+    bad = sweep_all(m.stencil, work, 0, stencil.Pace(False, 0.0, 0.0, 0.0, gain / 3.0))
+    found = np.empty_like(x)
+    stencil.pick(m.stencil.place, work.scratch.acceleration, found)
+    return found * m.masses, bad
+
+
+def tensions(flight: Flight, x: np.ndarray) -> np.ndarray:
+    """Tension over length (e,) in N/m of the edges at nodes x (3, n): of springs, or 2 ∂U/∂q of triangles beside."""
+    mesh, springs = flight.membrane.mesh, flight.model.springs
+    a, b = mesh.edges.T
+    squares = np.sum((x[:, b] - x[:, a]) ** 2, axis=0)
+    if not flight.membrane.elastic_triangles:
+        return springs.stiffness * (1.0 - springs.rest / np.sqrt(squares))
+    excess = (squares - mesh.lengths**2)[mesh.triangle_edges]
+    each = 2.0 * np.einsum("tij,tj->ti", side_moduli(flight.membrane.scene.sail, mesh), excess)
+    return np.bincount(mesh.triangle_edges.ravel(), each.ravel(), minlength=len(a))
+
+
+def edge_forces(flight: Flight, x: np.ndarray) -> np.ndarray:
+    """Forces (3, n) in N on nodes x (3, n), edge by edge."""
+    a, b = flight.membrane.mesh.edges.T
+    pull, found = tensions(flight, x) * (x[:, b] - x[:, a]), np.zeros_like(x)
+    for c in range(3):
+        np.add.at(found[c], a, pull[c])
+        np.subtract.at(found[c], b, pull[c])
+    return found

@@ -1,7 +1,7 @@
-"""Springs along the edges: no damping, no bending stiffness. Sums run in a fixed order: the same bits on every run.
+"""Springs along the edges: no damping, no bending stiffness. Their forces are in `stencil`.
 
-Each pass is a plain loop: gather, then arithmetic on contiguous rows (which the compiler turns into vector code), then
-a sum over the padded list of edges that meet at each node.
+Passes over lists of edges are plain loops: gather, arithmetic on contiguous rows (which the compiler turns into vector
+code), then a sum over the padded list of edges that meet at each node, in a fixed order.
 """
 
 from __future__ import annotations
@@ -67,36 +67,6 @@ def free_lengths(springs: Springs, temperature: Floats, free: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _pull(d: Floats, stiffness: Floats, free: Floats) -> int:
-    """Turn separations d (3, ≥ e) into forces k (ℓ − L) d/ℓ on the start node; how many are not finite."""
-    d0, d1, d2 = d[0], d[1], d[2]
-    bad = 0
-    for i in range(stiffness.size):
-        length = math.sqrt(d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i])
-        bad += 0 if length < np.inf else 1
-        k = stiffness[i] * (1.0 - free[i] / length)
-        d0[i] *= k
-        d1[i] *= k
-        d2[i] *= k
-    return bad
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _pull_limited(d: Floats, stiffness: Floats, free: Floats, stretch: Floats) -> int:
-    """As `_pull`; how many edges are longer than `stretch` allows, or not finite."""
-    d0, d1, d2 = d[0], d[1], d[2]
-    bad = 0
-    for i in range(stiffness.size):
-        length = math.sqrt(d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i])
-        bad += 0 if length <= free[i] * stretch[i] else 1
-        k = stiffness[i] * (1.0 - free[i] / length)
-        d0[i] *= k
-        d1[i] *= k
-        d2[i] *= k
-    return bad
-
-
-@numba.njit(cache=True, error_model="numpy")
 def negate(values: Floats, m: int) -> None:
     """values[m + i] = −values[i] for i < m."""
     for i in range(m):
@@ -120,23 +90,6 @@ def collect(pull: Floats, slots: Indices, force: Floats) -> None:
         f0[i] = s0
         f1[i] = s1
         f2[i] = s2
-
-
-@numba.njit(cache=True, error_model="numpy")
-def forces(springs: Springs, x: Floats, free: Floats, pull: Floats, force: Floats) -> int:
-    """Spring forces on the nodes, force (3, n) in N; how many edges failed or are not finite.
-
-    pull (3, 2e + 1) is work space whose last column stays 0.
-    """
-    separations(x, springs.start, springs.end, pull)
-    if springs.stretch.size == 0:
-        bad = _pull(pull, springs.stiffness, free)
-    else:
-        bad = _pull_limited(pull, springs.stiffness, free, springs.stretch)
-    for c in range(3):
-        negate(pull[c], springs.start.size)
-    collect(pull, springs.slots, force)
-    return bad
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -160,17 +160,6 @@ def _note_outside(work: LightWork, count: int, triangle: int, behind: bool) -> N
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _note_behind(work: LightWork, begin: int, end: int) -> None:
-    """Note triangles of a grating that are lit from behind, for which its table holds no answer."""
-    count, first = 0, -1
-    for i in range(begin, end):
-        if not work.frame[2, i] > 0.0:
-            count += 1
-            first = i if first < 0 else first
-    _note_outside(work, count, first, True)
-
-
-@numba.njit(cache=True, error_model="numpy")
 def _turn_over(work: LightWork, begin: int, end: int) -> None:
     """A film is the same from behind: the force across it points the other way."""
     for i in range(begin, end):
@@ -188,29 +177,56 @@ def table(tables: Tables, k: int) -> TableArrays:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _respond(light: Light, work: LightWork) -> None:
-    """Response work.q (t, 4) of every triangle: q_g, q_r, q_n, absorptance."""
-    u, v = work.frame[8], work.frame[9]
-    for s in range(light.ranges.shape[0]):
-        k, begin, end = light.ranges[s]
-        if k < 0:
-            _constant(light, work.frame, work.absorptance, work.q, begin, end)
-        else:
-            count, first = lookup_many(table(light.tables, k), u[begin:end], v[begin:end], work.q[begin:end])
-            _note_outside(work, count, begin + first, False)
-            if light.tables.axisymmetric[k]:
-                _turn_over(work, begin, end)
-            else:
-                _note_behind(work, begin, end)
+def _count_behind(work: LightWork, begin: int, end: int) -> tuple[int, int]:
+    """How many triangles of a grating are lit from behind, for which its table holds no answer, and the first."""
+    count, first = 0, -1
+    for i in range(begin, end):
+        if not work.frame[2, i] > 0.0:
+            count += 1
+            first = i if first < 0 else first
+    return count, first
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _shine(light: Light, x: Floats, frame: Floats, incident: Floats) -> None:
+def respond(light: Light, work: LightWork, x: Floats, first: int, last: int, found: Integers) -> None:
+    """Response work.q (t, 4) (q_g, q_r, q_n, absorptance) and incident power of the triangles first … last.
+
+    found (s, 4): for each region how many of them lie outside their table and the first, how many are lit from behind
+    and the first.
+    """
+    u, v = work.frame[8], work.frame[9]
+    for s in range(light.ranges.shape[0]):
+        k, begin, end = light.ranges[s, 0], max(light.ranges[s, 1], first), min(light.ranges[s, 2], last)
+        found[s, 0], found[s, 2] = 0, 0
+        if begin < end and k < 0:
+            _constant(light, work.frame, work.absorptance, work.q, begin, end)
+        elif begin < end:
+            count, place = lookup_many(table(light.tables, k), u[begin:end], v[begin:end], work.q[begin:end])
+            found[s, 0], found[s, 1] = count, begin + place
+            if light.tables.axisymmetric[k]:
+                _turn_over(work, begin, end)
+            else:
+                found[s, 2], found[s, 3] = _count_behind(work, begin, end)
+    _shine(light, x, work.frame, work.incident, first, last)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def note(light: Light, work: LightWork, found: Integers) -> None:
+    """Note what `respond` found (threads, s, 4), as if one thread had."""
+    for s in range(light.ranges.shape[0]):
+        for thread in range(found.shape[0]):
+            _note_outside(work, found[thread, s, 0], found[thread, s, 1], False)
+        for thread in range(found.shape[0]):
+            _note_outside(work, found[thread, s, 2], found[thread, s, 3], True)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _shine(light: Light, x: Floats, frame: Floats, incident: Floats, begin: int, end: int) -> None:
     """Power I A |w| in W on each triangle at full ramp, with the intensity at its centroid."""
     x0, x1 = x[0], x[1]
     c0, c1, c2 = light.corners[0], light.corners[1], light.corners[2]
     w, double = frame[2], frame[3]
-    for i in range(c0.size):
+    for i in range(begin, end):
         p, q, s = c0[i], c1[i], c2[i]
         cx = (x0[p] + x0[q] + x0[s]) / 3.0
         cy = (x1[p] + x1[q] + x1[s]) / 3.0
@@ -218,7 +234,7 @@ def _shine(light: Light, x: Floats, frame: Floats, incident: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _hold(light: Light, work: LightWork) -> None:
+def finish(light: Light, work: LightWork) -> None:
     """Coefficients of F = (P/c)(q_g g + q_r r + q_n n) along e₁, e₂ and e₁ × e₂, and the absorbed power."""
     h0, h1, h2 = work.held[0], work.held[1], work.held[2]
     double, inverse, lean = work.frame[3], work.frame[4], work.frame[5]
@@ -237,16 +253,13 @@ def _hold(light: Light, work: LightWork) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def refresh(light: Light, work: LightWork, x: Floats, sides: Floats) -> None:
-    """New held coefficients, incident and absorbed power at positions x (3, n) with sides (6, t)."""
+def prepare(light: Light, work: LightWork, sides: Floats) -> None:
+    """Frames of triangles with sides (6, t), and the directions of the light in them."""
     _frames(sides, work.frame)
     if light.yaw_blind:
         _yaw_blind(light, work.frame)
     else:
         _sail_frame(light, work.frame)
-    _respond(light, work)
-    _shine(light, x, work.frame, work.incident)
-    _hold(light, work)
 
 
 @numba.njit(cache=True, error_model="numpy")

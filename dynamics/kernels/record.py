@@ -7,6 +7,7 @@ import numpy as np
 
 from dynamics.kernels.elastic import Floats, Indices
 from dynamics.kernels.optical import Light, LightWork
+from dynamics.kernels.streams import streams
 from dynamics.kernels.triangles import Triangles, total
 
 #: Where each quantity of a row starts. `fit` is Σ m (x − c) X₀ᵀ (3, 3); `angular_momentum`, `inertia` (xx, yy, zz, xy,
@@ -33,7 +34,7 @@ def centre(masses: Floats, values: Floats, out: Floats) -> None:
         out[c] = s / whole
 
 
-@numba.njit(cache=True, error_model="numpy")
+@streams()
 def motion(masses: Floats, rest: Floats, x: Floats, v: Floats, row: Floats) -> None:
     """Centre of mass, its velocity, fit, angular momentum, inertia and kinetic energy into row (WIDTH,) of zeros."""
     centre(masses, x, row[1:4])
@@ -72,7 +73,7 @@ def warmth(triangles: Triangles, temperature: Floats, row: Floats) -> None:
     row[27] /= total(masses, masses.size)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@streams()
 def push(corners: Indices, x: Floats, force: Floats, row: Floats) -> None:
     """Optical force in N and its torque about the centre of mass in N m; force (3, t + 1) is that on one corner."""
     for i in range(corners.shape[1]):

@@ -8,6 +8,7 @@ side i, its Green strain relative to the free, thermally expanded triangle has
 and the St Venant–Kirchhoff energy U = A h Y/(1 − ν²) ½[(tr E)² − 2(1 − ν) det E] has ∂U/∂q_i as a linear function of d:
 forces act along the sides, as in springs (Delingette, IEEE Trans. Vis. Comput. Graphics 14 (2008) 329). So momentum and
 angular momentum are kept to rounding. Nothing is divided by a length: a triangle may shrink to nothing or turn over.
+The forces are in `stencil`.
 """
 
 from __future__ import annotations
@@ -18,15 +19,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from dynamics.kernels.elastic import (
-    REFERENCE_TEMPERATURE,
-    Floats,
-    Indices,
-    Springs,
-    collect,
-    negate,
-    separations,
-)
+from dynamics.kernels.elastic import REFERENCE_TEMPERATURE, Floats, Indices, Springs
 
 
 class Sheet(NamedTuple):
@@ -52,9 +45,9 @@ class Sheet(NamedTuple):
 
 
 class SheetWork(NamedTuple):
-    """Work space: squared free lengths (3t,) and squared lengths (e,) in m²; tension (3t + 1,), the last 0.
+    """Work space: squared free lengths (3t,) and squared lengths (e,) in m²; tension (3t,): d in m².
 
-    tension: first d (3t,) in m², then 2 ∂U/∂q in N/m. trace (t,): 4A tr E in m²; sum (t,): d₀ + d₁ + d₂. modulus,
+    trace (t,): 4A tr E in m²; sum (t,): d₀ + d₁ + d₂. modulus,
     shear and limit (t,): those of the sheet as it is now, 0, 0 and ∞ where a triangle has been removed.
     """
 
@@ -84,12 +77,13 @@ def grow(sheet: Sheet, corners: Indices, temperature: Floats, free: Floats) -> N
 
 
 @numba.njit(cache=True, error_model="numpy")
-def measure(springs: Springs, x: Floats, pull: Floats, squares: Floats) -> None:
-    """Vectors pull (3, ≥ e) in m from start to end of each edge at nodes x (3, n), and their squared lengths (e,)."""
-    separations(x, springs.start, springs.end, pull)
-    d0, d1, d2 = pull[0], pull[1], pull[2]
+def measure(springs: Springs, x: Floats, squares: Floats) -> None:
+    """Squared lengths (e,) of the edges at nodes x (3, n)."""
+    x0, x1, x2 = x[0], x[1], x[2]
     for i in range(squares.size):
-        squares[i] = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
+        a, b = springs.start[i], springs.end[i]
+        d0, d1, d2 = x0[b] - x0[a], x1[b] - x1[a], x2[b] - x2[a]
+        squares[i] = d0 * d0 + d1 * d1 + d2 * d2
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -123,47 +117,6 @@ def holds(trace: float, spread: float, poisson: float, limit: float) -> bool:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _failing(sheet: Sheet, work: SheetWork) -> int:
-    """How many triangles have a principal stress above their strength, or are not finite; work.tension still d."""
-    t = sheet.modulus.size
-    d0, d1, d2 = work.tension[:t], work.tension[t : 2 * t], work.tension[2 * t : 3 * t]
-    trace, total, poisson, limit = work.trace, work.sum, sheet.poisson, work.limit
-    bad = 0
-    for i in range(limit.size):
-        squares = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
-        spread = trace[i] * trace[i] - total[i] * total[i] + 2.0 * squares
-        bad += 0 if holds(trace[i], spread, poisson[i], limit[i]) else 1
-    if limit.size == 0:
-        for i in range(t):
-            bad += 0 if abs(trace[i]) < np.inf else 1
-    return bad
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _tighten(c: Floats, modulus: Floats, shear: Floats, trace: Floats, total: Floats, d: Floats) -> None:
-    """Turn d (t,) of one side of each triangle into its tension 2 ∂U/∂q in N/m."""
-    for i in range(trace.size):
-        d[i] = modulus[i] * c[i] * trace[i] - shear[i] * (0.5 * total[i] - d[i])
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _gather(tension: Floats, slots: Indices, out: Floats) -> None:
-    """Write out (e,) = sum of the tensions of the one or two triangles beside each edge."""
-    first, second = slots[0], slots[1]
-    for i in range(out.size):
-        out[i] = tension[first[i]] + tension[second[i]]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _scale(factor: Floats, values: Floats) -> None:
-    """values[i] *= factor[i]; values[e + i] = −values[i]."""
-    e = factor.size
-    for i in range(e):
-        values[i] *= factor[i]
-    negate(values, e)
-
-
-@numba.njit(cache=True, error_model="numpy")
 def strain(sheet: Sheet, work: SheetWork) -> None:
     """Excess of the squared sides, their sum and the trace, at work.squares and work.free."""
     _excess(sheet.sides, work.squares, work.free, work.tension)
@@ -171,30 +124,8 @@ def strain(sheet: Sheet, work: SheetWork) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def forces(sheet: Sheet, work: SheetWork, springs: Springs, x: Floats, pull: Floats, force: Floats) -> int:
-    """Elastic forces on the nodes, force (3, n) in N; how many triangles failed or are not finite.
-
-    pull (3, 2e + 1) is work space whose last column stays 0. Each edge pulls with the tensions of its triangles.
-    """
-    measure(springs, x, pull, work.squares)
-    strain(sheet, work)
-    bad = _failing(sheet, work)
-    t = work.trace.size
-    for c in range(3):
-        _tighten(
-            sheet.cotangent[c * t : (c + 1) * t], work.modulus, work.shear, work.trace, work.sum,
-            work.tension[c * t : (c + 1) * t],
-        )
-    _gather(work.tension, sheet.slots, work.squares)
-    for c in range(3):
-        _scale(work.squares, pull[c])
-    collect(pull, springs.slots, force)
-    return bad
-
-
-@numba.njit(cache=True, error_model="numpy")
 def _spread(sheet: Sheet, work: SheetWork, i: int) -> float:
-    """16A²((tr E)² − 4 det E) of triangle i, work.tension still d; nothing cancels, as the equal part is taken out."""
+    """16A²((tr E)² − 4 det E) of triangle i, work.tension being d; nothing cancels, as the equal part is taken out."""
     t = work.trace.size
     equal = work.trace[i] / sheet.area[i]
     p = work.tension[i] - equal * sheet.rest[i]
@@ -209,17 +140,23 @@ def _stretch(green: float) -> float:
     return 2.0 * green / (1.0 + math.sqrt(max(1.0 + 2.0 * green, 0.0)))
 
 
+@numba.njit(cache=True, inline="always")
+def _green(sheet: Sheet, work: SheetWork, i: int) -> tuple[float, float]:
+    """Larger and smaller principal Green strain of triangle i; work.tension being d."""
+    root, double = math.sqrt(max(_spread(sheet, work, i), 0.0)), 2.0 * sheet.area[i]
+    return (work.trace[i] + root) / double, (work.trace[i] - root) / double
+
+
 @numba.njit(cache=True, error_model="numpy")
 def principal(sheet: Sheet, work: SheetWork, i: int) -> tuple[float, float]:
-    """Larger and smaller principal elastic strain of triangle i as relative change of length; work.tension still d."""
-    root = math.sqrt(max(_spread(sheet, work, i), 0.0))
-    double = 2.0 * sheet.area[i]
-    return _stretch((work.trace[i] + root) / double), _stretch((work.trace[i] - root) / double)
+    """Larger and smaller principal elastic strain of triangle i as relative change of length; work.tension being d."""
+    first, second = _green(sheet, work, i)
+    return _stretch(first), _stretch(second)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def energy(work: SheetWork, i: int) -> float:
-    """Elastic energy of triangle i in J; work.tension still d."""
+    """Elastic energy of triangle i in J; work.tension being d."""
     t = work.trace.size
     p, q, r = work.tension[i], work.tension[t + i], work.tension[2 * t + i]
     squares = p * p + q * q + r * r
@@ -228,35 +165,33 @@ def energy(work: SheetWork, i: int) -> float:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def strain_and_energy(
-    sheet: Sheet, work: SheetWork, springs: Springs, x: Floats, pull: Floats
-) -> tuple[float, float, float]:
-    """Largest and smallest principal strain, and elastic energy in J, at nodes x (3, n); pull is work space."""
-    measure(springs, x, pull, work.squares)
+def strain_and_energy(sheet: Sheet, work: SheetWork, springs: Springs, x: Floats) -> tuple[float, float, float]:
+    """Largest and smallest principal strain, and elastic energy in J, at nodes x (3, n)."""
+    measure(springs, x, work.squares)
     strain(sheet, work)
     largest, smallest, total = -np.inf, np.inf, 0.0
     for i in range(sheet.modulus.size):
         if work.modulus[i] == 0.0:
             continue
-        first, second = principal(sheet, work, i)
+        first, second = _green(sheet, work, i)
         largest = max(largest, first)
         smallest = min(smallest, second)
         total += energy(work, i)
-    return largest, smallest, total
+    return _stretch(largest), _stretch(smallest), total
 
 
 @numba.njit(cache=True, error_model="numpy")
 def tears(sheet: Sheet, work: SheetWork, i: int) -> bool:
-    """Is triangle i above its strength; work.tension still d."""
+    """Is triangle i above its strength; work.tension being d."""
     return sheet.limit.size > 0 and not holds(
         work.trace[i], _spread(sheet, work, i), sheet.poisson[i], work.limit[i]
     )
 
 
 @numba.njit(cache=True, error_model="numpy")
-def first_torn(sheet: Sheet, work: SheetWork, springs: Springs, x: Floats, pull: Floats) -> tuple[int, bool]:
+def first_torn(sheet: Sheet, work: SheetWork, springs: Springs, x: Floats) -> tuple[int, bool]:
     """Lowest triangle above its strength, or one that is not finite, which wins; is it finite. −1 if there is none."""
-    measure(springs, x, pull, work.squares)
+    measure(springs, x, work.squares)
     strain(sheet, work)
     torn = -1
     for i in range(sheet.modulus.size):

@@ -1,9 +1,11 @@
-"""Forces on rows: with the nodes of a ring mesh at the points of a lattice, neighbours lie at constant distances.
+"""Forces and steps, row by row: with the nodes of a ring mesh at the points of a lattice, neighbours lie alike.
 
-Rings of six or four sides are a piece of a lattice. Laid out row by row, all edges of one direction join places that
-are a constant `shift` apart, and all triangles of one orientation have their corners at constant shifts: a `family`.
-Passes then stream through memory without indices, as vector code. Places outside the sail hold dead nodes, far off,
-and dead elements of no stiffness. A number is computed by the same operations wherever a pass is split.
+Rings of six or four sides are a piece of a lattice. All triangles of one orientation, a `family`, have their corners
+the same number of rows and columns away from their first one, and all edges of one direction their ends. So a pass over
+one row of a family streams through memory without lists of neighbours, as vector code. A sweep takes row after row:
+forces of the triangles that begin in it, then, with those of the row before, the nodes. What lies between stays in the
+first cache. Rows are filled up to whole vectors with dead nodes, far off, and dead elements of no stiffness. The bits
+of a number do not depend on how rows are shared among threads.
 """
 
 from __future__ import annotations
@@ -12,58 +14,108 @@ import math
 from typing import NamedTuple
 
 import numba
+import numpy as np
+from numpy.typing import NDArray
 
+from dynamics.kernels import elements
 from dynamics.kernels.elastic import Floats, Indices, Integers
-from dynamics.kernels.sheet import holds
+from dynamics.kernels.elements import GUARD
+from dynamics.kernels.streams import by_row
+
+Places = NDArray[np.uint64]
+
+#: Rows whose light is added up together.
+BAND = 8
+
+
+class Families(NamedTuple):
+    """Where the other corners of triangles lie, or the other ends of edges (c = 1), on each row r.
+
+    ahead (r, f, c): how far ahead of the first corner. slot, begin (r, f, c): where the work space holds what elements
+    that begin here or on the row before do to the nodes of row r, from its first node on.
+    """
+
+    ahead: Places
+    slot: Integers
+    begin: Places
 
 
 class Stencil(NamedTuple):
-    """Layout on `size` places p, of which `begin` to `end` may be alive, and elements; what is off is empty.
+    """Layout on rows of `width` (r,) places, the first of which are at `start` (r,).
 
-    place (n,): of each node. shifts (k,): an edge of family j joins places i and i + shifts[j]. sides (f, 3, 2): for
-    the sides 01, 12, 20 of a triangle at place i the family of the edge, and how far behind i that edge lies. corners
-    (f, 2): how far behind i its second and third corner lie; turns (t,): which corner of a triangle of the mesh is its
-    first one here. slots (3t,): where the sides 01, then 12, then 20 of the mesh's triangles lie in (f, 3, p). cells
-    (t,): where its triangles lie in (f, p). edges (e,): where its edges lie in (k, p).
-    Springs: stiffness (k, p) in N/m, stretch (k, p): ℓ/L at which an edge tears. Triangles, as in `Sheet`: cotangent
-    (f, 3, p), poisson (f, p).
+    place (n,): of each node. triangles, edges: their families. turns (t,): which corner of a triangle of the mesh is
+    its first one here. cells (t,): where the triangles lie in (f, p); slots (3t,): where their sides 01, then 12, then
+    20 lie in (f, 3, p). joins (e,): where the edges lie in (k, p). per_mass (p,) in 1/kg, 0 for dead nodes. Springs,
+    empty where triangles carry the load: stiffness (k, p) in N/m; stretch (k, p): ℓ/L at which an edge tears.
     """
 
+    start: Places
+    width: Places
     place: Indices
-    shifts: Integers
-    sides: Integers
-    corners: Integers
+    triangles: Families
+    edges: Families
     turns: Indices
-    slots: Indices
     cells: Indices
-    edges: Indices
-    size: int
-    begin: int
-    end: int
+    slots: Indices
+    joins: Indices
+    per_mass: Floats
     stiffness: Floats
     stretch: Floats
-    cotangent: Floats
-    poisson: Floats
 
 
-class StencilWork(NamedTuple):
-    """Work space: nodes x and force on them (3, p) in m and N; of the edges, squares (k, p) of their lengths in m².
+class Scratch(NamedTuple):
+    """What nothing is kept in from one call of the kernels to the next, some of it once for every thread.
 
-    tension (k, p): of the edges over length in N/m. lengths (k, p): free lengths of springs in m. free (f, 3, p),
-    modulus, limit (f, p): of triangles, as in `SheetWork`, the limit ∞ where nothing tears.
+    x, v (2, 3, p): nodes and velocities, before and after a step in m and m/s; acceleration (3, p). corners (threads,
+    3, f, 3, 3, w): forces on the corners of the triangles of two rows, and zeros; ends (threads, 3, k, 3, w): of edges,
+    on their first end. push, force (threads, 3, w): of the light and on nodes. bands (b, 3): the light's force on the
+    rows of a band in N. bad (threads,): how many elements failed. shares (threads + 1,): the bands of each thread.
+    found (threads, s, 2): see `optical.respond`. board, orders: see `crew`.
     """
 
     x: Floats
-    squares: Floats
-    tension: Floats
+    v: Floats
+    acceleration: Floats
+    corners: Floats
+    ends: Floats
+    push: Floats
     force: Floats
+    bands: Floats
+    bad: Integers
+    shares: Integers
+    found: Integers
+    board: Integers
+    orders: Floats
+
+
+class StencilWork(NamedTuple):
+    """Work space. lengths (k, p): free lengths of springs in m. free (f, 3, p): squared ones of triangles in m².
+
+    scale (f, 3, p): cotangents times the root of the modulus; shear (f, p): modulus · (1 − ν); bound (f, p) in N m:
+    twice the elastic energy below which nothing tears (see `stiffen`). held (f, 3, p): of the light, along the sides
+    from the first corner here and across.
+    """
+
     lengths: Floats
     free: Floats
-    modulus: Floats
-    limit: Floats
+    scale: Floats
+    shear: Floats
+    bound: Floats
     held: Floats
-    push: Floats
-    row: Floats
+    scratch: Scratch
+
+
+class Pace(NamedTuple):
+    """A step: velocities change by `close` and then by `open` times the acceleration, nodes move on for dt; all in s.
+
+    moves: False to write accelerations instead. share: a third of the light's ramp, 0 in the dark.
+    """
+
+    moves: bool
+    close: float
+    open: float
+    dt: float
+    share: float
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -75,7 +127,7 @@ def spread(values: Floats, slots: Indices, out: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _lay(place: Indices, x: Floats, out: Floats) -> None:
+def lay(place: Indices, x: Floats, out: Floats) -> None:
     """Nodes x (3, n) to their places in out (3, p)."""
     x0, x1, x2 = x[0], x[1], x[2]
     y0, y1, y2 = out[0], out[1], out[2]
@@ -87,137 +139,41 @@ def _lay(place: Indices, x: Floats, out: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def accelerations(stencil: Stencil, work: StencilWork, per_mass: Floats, out: Floats) -> None:
-    """Accelerations out (3, n) in m/s² of nodes of 1/mass per_mass (n,) in 1/kg."""
-    x0, x1, x2 = work.force[0], work.force[1], work.force[2]
+def pick(place: Indices, x: Floats, out: Floats) -> None:
+    """Nodes out (3, n) from their places in x (3, p)."""
+    x0, x1, x2 = x[0], x[1], x[2]
     y0, y1, y2 = out[0], out[1], out[2]
-    place = stencil.place
     for i in range(place.size):
         k = place[i]
-        y0[i] = x0[k] * per_mass[i]
-        y1[i] = x1[k] * per_mass[i]
-        y2[i] = x2[k] * per_mass[i]
+        y0[i] = x0[k]
+        y1[i] = x1[k]
+        y2[i] = x2[k]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _measure(x: Floats, shift: int, begin: int, end: int, squares: Floats, tension: Floats) -> None:
-    """Squared lengths (p,) of a family of edges, and no tension yet."""
-    a0, a1, a2 = x[0, begin:end], x[1, begin:end], x[2, begin:end]
-    b0, b1, b2 = x[0, begin + shift : end + shift], x[1, begin + shift : end + shift], x[2, begin + shift : end + shift]
-    q, t = squares[begin:end], tension[begin:end]
-    for i in range(q.size):
-        d0 = b0[i] - a0[i]
-        d1 = b1[i] - a1[i]
-        d2 = b2[i] - a2[i]
-        q[i] = d0 * d0 + d1 * d1 + d2 * d2
-        t[i] = 0.0
+def stiffen(
+    stencil: Stencil, cotangent: Floats, modulus: Floats, shear: Floats, limit: Floats, out: StencilWork
+) -> None:
+    """To the rows what triangles carry: cotangent (3t,), modulus, shear, limit (t,) as in `Sheet`; limit may be empty.
 
-
-@numba.njit(cache=True, error_model="numpy")
-def _stretch(squares: Floats, stiffness: Floats, free: Floats, stretch: Floats, tension: Floats) -> int:
-    """Tension over length k (ℓ − L)/ℓ of springs; how many are longer than `stretch` allows, or not finite."""
-    bad = 0
-    for i in range(tension.size):
-        length = math.sqrt(squares[i])
-        bad += 0 if length <= free[i] * stretch[i] else 1
-        tension[i] = stiffness[i] * (1.0 - free[i] / length)
-    return bad
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _strain(
-    q0: Floats, q1: Floats, q2: Floats, free: Floats, cotangent: Floats, begin: int, end: int, poisson: Floats,
-    modulus: Floats, limit: Floats, t0: Floats, t1: Floats, t2: Floats,
-) -> int:
-    """Add the tensions over length 2 ∂U/∂q of the sides of triangles to t0, t1, t2; how many failed, as in `sheet`."""
-    f0, f1, f2 = free[0, begin:end], free[1, begin:end], free[2, begin:end]
-    c0, c1, c2 = cotangent[0, begin:end], cotangent[1, begin:end], cotangent[2, begin:end]
-    bad = 0
-    for i in range(modulus.size):
-        d0 = q0[i] - f0[i]
-        d1 = q1[i] - f1[i]
-        d2 = q2[i] - f2[i]
-        trace = c0[i] * d0 + c1[i] * d1 + c2[i] * d2
-        total = d0 + d1 + d2
-        spread = trace * trace - total * total + 2.0 * (d0 * d0 + d1 * d1 + d2 * d2)
-        bad += 0 if holds(trace, spread, poisson[i], limit[i]) else 1
-        shear, half = 1.0 - poisson[i], 0.5 * total
-        t0[i] += modulus[i] * (c0[i] * trace - shear * (half - d0))
-        t1[i] += modulus[i] * (c1[i] * trace - shear * (half - d1))
-        t2[i] += modulus[i] * (c2[i] * trace - shear * (half - d2))
-    return bad
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _strain_all(stencil: Stencil, work: StencilWork) -> int:
-    """Tensions of all triangles; how many failed."""
-    begin, end, bad = stencil.begin, stencil.end, 0
-    for f in range(stencil.sides.shape[0]):
-        (a, p), (b, q), (c, r) = stencil.sides[f, 0], stencil.sides[f, 1], stencil.sides[f, 2]
-        bad += _strain(
-            work.squares[a, begin + p : end + p], work.squares[b, begin + q : end + q],
-            work.squares[c, begin + r : end + r], work.free[f], stencil.cotangent[f], begin, end,
-            stencil.poisson[f, begin:end], work.modulus[f, begin:end], work.limit[f, begin:end],
-            work.tension[a, begin + p : end + p], work.tension[b, begin + q : end + q],
-            work.tension[c, begin + r : end + r],
-        )
-    return bad
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _pull_three(x: Floats, tension: Floats, shifts: Integers, begin: int, end: int, force: Floats) -> None:
-    """One component (p,) of the forces of the first three families, Σ T_i (x_{i+s} − x_i) − T_{i−s} (x_i − x_{i−s})."""
-    p, q, s = shifts[0], shifts[1], shifts[2]
-    here, out = x[begin:end], force[begin:end]
-    a0, a1, a2 = x[begin + p : end + p], x[begin + q : end + q], x[begin + s : end + s]
-    b0, b1, b2 = x[begin - p : end - p], x[begin - q : end - q], x[begin - s : end - s]
-    t0, t1, t2 = tension[0, begin:end], tension[1, begin:end], tension[2, begin:end]
-    u0, u1, u2 = tension[0, begin - p : end - p], tension[1, begin - q : end - q], tension[2, begin - s : end - s]
-    for i in range(out.size):
-        y = here[i]
-        first = t0[i] * (a0[i] - y) - u0[i] * (y - b0[i])
-        second = t1[i] * (a1[i] - y) - u1[i] * (y - b1[i])
-        third = t2[i] * (a2[i] - y) - u2[i] * (y - b2[i])
-        out[i] = first + second + third
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _add_pull(x: Floats, tension: Floats, shift: int, begin: int, end: int, force: Floats) -> None:
-    """Add the same of one more family."""
-    here, ahead, behind = x[begin:end], x[begin + shift : end + shift], x[begin - shift : end - shift]
-    t, u, out = tension[begin:end], tension[begin - shift : end - shift], force[begin:end]
-    for i in range(out.size):
-        out[i] += t[i] * (ahead[i] - here[i]) - u[i] * (here[i] - behind[i])
-
-
-@numba.njit(cache=True, error_model="numpy")
-def pull(stencil: Stencil, work: StencilWork, x: Floats) -> int:
-    """Elastic forces on nodes x (3, n) to work.force; how many elements failed or are not finite."""
-    begin, end, shifts = stencil.begin, stencil.end, stencil.shifts
-    _lay(stencil.place, x, work.x)
-    for j in range(shifts.size):
-        _measure(work.x, shifts[j], begin, end, work.squares[j], work.tension[j])
-    bad = 0
-    if stencil.poisson.size > 0:
-        bad = _strain_all(stencil, work)
-    else:
-        for j in range(shifts.size):
-            bad += _stretch(
-                work.squares[j, begin:end], stencil.stiffness[j, begin:end], work.lengths[j, begin:end],
-                stencil.stretch[j, begin:end], work.tension[j, begin:end],
-            )
-    for c in range(3):
-        _pull_three(work.x[c], work.tension, shifts, begin, end, work.force[c])
-        for j in range(3, shifts.size):
-            _add_pull(work.x[c], work.tension[j], shifts[j], begin, end, work.force[c])
-    return bad
+    The larger principal stress is at most √(2Yu/(1 − ν²)) at an energy u per volume, for any smaller one. A millionth
+    is left for rounding.
+    """
+    scale, t = out.scale.reshape(-1), modulus.size
+    for i in range(t):
+        root, cell = math.sqrt(modulus[i]), stencil.cells[i]
+        for c in range(3):
+            scale[stencil.slots[c * t + i]] = root * cotangent[c * t + i]
+        out.shear.reshape(-1)[cell] = shear[i]
+        most = modulus[i] * limit[i] * abs(limit[i]) * (1.0 - 1e-6) if limit.size > 0 else np.inf
+        out.bound.reshape(-1)[cell] = most if most < 1e300 else 1e300
 
 
 @numba.njit(cache=True, error_model="numpy")
 def hold(stencil: Stencil, held: Floats, out: Floats) -> None:
     """Held coefficients (3, t) to their places in out (f, 3, p), along the sides from the first corner here."""
     h0, h1, h2 = held[0], held[1], held[2]
-    flat, size = out.reshape(-1), stencil.size
+    flat, size = out.reshape(-1), stencil.per_mass.size
     for i in range(stencil.cells.size):
         # Place i of family f is (f, 0, i) of out
         k = stencil.cells[i] + 2 * size * (stencil.cells[i] // size)
@@ -227,57 +183,139 @@ def hold(stencil: Stencil, held: Floats, out: Floats) -> None:
         flat[k + 2 * size] = h2[i]
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _turn(x: Floats, held: Floats, second: int, third: int, share: float, begin: int, end: int, push: Floats) -> None:
-    """A share of the held force c₁ e₁ + c₂ e₂ + c₃ e₁ × e₂ of a family of triangles, as its sides lie now."""
-    x0, x1, x2 = x[0, begin:end], x[1, begin:end], x[2, begin:end]
-    p, q = begin + second, end + second
-    y0, y1, y2 = x[0, p:q], x[1, p:q], x[2, p:q]
-    p, q = begin + third, end + third
-    z0, z1, z2 = x[0, p:q], x[1, p:q], x[2, p:q]
-    h0, h1, h2 = held[0, begin:end], held[1, begin:end], held[2, begin:end]
-    f0, f1, f2 = push[0, begin:end], push[1, begin:end], push[2, begin:end]
-    for i in range(f0.size):
-        a0, a1, a2 = y0[i] - x0[i], y1[i] - x1[i], y2[i] - x2[i]
-        b0, b1, b2 = z0[i] - x0[i], z1[i] - x1[i], z2[i] - x2[i]
-        g0, g1, g2 = share * h0[i], share * h1[i], share * h2[i]
-        f0[i] = g0 * a0 + g1 * b0 + g2 * (a1 * b2 - a2 * b1)
-        f1[i] = g0 * a1 + g1 * b1 + g2 * (a2 * b0 - a0 * b2)
-        f2[i] = g0 * a2 + g1 * b2 + g2 * (a0 * b1 - a1 * b0)
+@by_row(forceinline=True)
+def _strain_row(stencil: Stencil, work: StencilWork, x: Floats, r: int, thread: int, share: float) -> int:
+    """Forces on the corners of the triangles that begin on row r; how many may have failed."""
+    o, n, bad, ahead = stencil.start[r], stencil.width[r], 0, stencil.triangles.ahead
+    x0, x1, x2, sums = x[0], x[1], x[2], work.scratch.push[thread]
+    for f in range(ahead.shape[1]):
+        free, scale, out = work.free[f], work.scale[f], work.scratch.corners[thread, r % 2, f]
+        a, b, c = out[0], out[1], out[2]
+        if share > 0.0:
+            held = work.held[f]
+            bad += elements.strain(
+                True, o, n, ahead[r, f, 0], ahead[r, f, 1], x0, x1, x2, free[0], free[1], free[2], scale[0], scale[1],
+                scale[2], work.shear[f], work.bound[f], share, held[0], held[1], held[2], a[0], a[1], a[2], b[0], b[1],
+                b[2], c[0], c[1], c[2], sums[0], sums[1], sums[2],
+            )
+        else:
+            bad += elements.strain(
+                False, o, n, ahead[r, f, 0], ahead[r, f, 1], x0, x1, x2, free[0], free[1], free[2], scale[0], scale[1],
+                scale[2], work.shear[f], work.bound[f], share, x0, x1, x2, a[0], a[1], a[2], b[0], b[1], b[2], c[0],
+                c[1], c[2], sums[0], sums[1], sums[2],
+            )
+    return bad
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _add_push(push: Floats, second: int, third: int, begin: int, end: int, force: Floats) -> None:
-    """Add one component (p,) of the push of a family of triangles to their three corners."""
-    a, b, c = push[begin:end], push[begin - second : end - second], push[begin - third : end - third]
-    out = force[begin:end]
-    for i in range(out.size):
-        out[i] += a[i] + b[i] + c[i]
+@by_row(forceinline=True)
+def _stretch_row(stencil: Stencil, work: StencilWork, x: Floats, r: int, thread: int, share: float) -> int:
+    """The same of springs, and the light's force on the corners of the triangles."""
+    o, n, bad, ahead = stencil.start[r], stencil.width[r], 0, stencil.edges.ahead
+    x0, x1, x2, sums = x[0], x[1], x[2], work.scratch.push[thread]
+    for f in range(ahead.shape[1]):
+        out = work.scratch.ends[thread, r % 2, f]
+        bad += elements.stretch(
+            o, n, ahead[r, f, 0], x0, x1, x2, stencil.stiffness[f], work.lengths[f], stencil.stretch[f], out[0],
+            out[1], out[2],
+        )
+    ahead = stencil.triangles.ahead
+    for f in range(ahead.shape[1] if share > 0.0 else 0):
+        held, out = work.held[f], work.scratch.corners[thread, r % 2, f, 0]
+        elements.push(
+            o, n, ahead[r, f, 0], ahead[r, f, 1], x0, x1, x2, share, held[0], held[1], held[2], out[0], out[1], out[2],
+            sums[0], sums[1], sums[2],
+        )
+    return bad
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _add_row(push: Floats, row: Floats) -> None:
-    """Add to a row (w,), place by place, all rows of a component of the push: no addition waits for the one before."""
-    for start in range(0, push.size - row.size + 1, row.size):
-        line = push[start : start + row.size]
-        for j in range(row.size):
-            row[j] += line[j]
+@by_row(forceinline=True)
+def _act(stencil: Stencil, work: StencilWork, x: Floats, r: int, thread: int, share: float) -> int:
+    """What all elements that begin on row r do; how many may have failed."""
+    if stencil.stiffness.size > 0:
+        return _stretch_row(stencil, work, x, r, thread, share)
+    return _strain_row(stencil, work, x, r, thread, share)
 
 
-@numba.njit(cache=True, error_model="numpy")
-def push(stencil: Stencil, work: StencilWork, gain: float, total: Floats) -> None:
-    """Add the held force of the light at ramp `gain` to work.force, and write its sum (3,) in N."""
-    begin, end = stencil.begin, stencil.end
-    for f in range(stencil.corners.shape[0]):
-        second, third = stencil.corners[f, 0], stencil.corners[f, 1]
-        _turn(work.x, work.held[f], second, third, gain / 3.0, begin, end, work.push[f])
+@by_row(forceinline=True)
+def _collect_corners(stencil: Stencil, work: StencilWork, r: int, thread: int, apart: int) -> None:
+    """Force on the nodes of row r from their triangles; apart: 1 if corners carry forces of their own, else 0."""
+    n, table = stencil.width[r], stencil.triangles
+    corners, force = work.scratch.corners[thread], work.scratch.force[thread]
+    for f in range(table.ahead.shape[1]):
+        i, j = table.begin[r, f, 0], table.begin[r, f, 1]
+        here = corners[r % 2, f, 0]
+        one, two = corners[table.slot[r, f, 0], f, apart], corners[table.slot[r, f, 1], f, 2 * apart]
         for c in range(3):
-            _add_push(work.push[f, c], second, third, begin, end, work.force[c])
+            if f == 0:
+                elements.put_corners(n, GUARD, here[c], i, one[c], j, two[c], force[c])
+            else:
+                elements.add_corners(n, GUARD, here[c], i, one[c], j, two[c], force[c])
+
+
+@by_row(forceinline=True)
+def _collect(stencil: Stencil, work: StencilWork, r: int, thread: int, lit: bool) -> None:
+    """Force on the nodes of row r, from what begins there and on the row before."""
+    if stencil.stiffness.size == 0:
+        _collect_corners(stencil, work, r, thread, 1)
+        return
+    n, table, force = stencil.width[r], stencil.edges, work.scratch.force[thread]
+    if lit:
+        _collect_corners(stencil, work, r, thread, 0)
+    else:
+        force[:] = 0.0
+    for f in range(table.ahead.shape[1]):
+        here, there = work.scratch.ends[thread, r % 2, f], work.scratch.ends[thread, table.slot[r, f, 0], f]
+        for c in range(3):
+            elements.add_ends(n, here[c], table.begin[r, f, 0], there[c], force[c])
+
+
+@by_row(forceinline=True)
+def _move(stencil: Stencil, work: StencilWork, r: int, thread: int, source: int, pace: Pace) -> None:
+    """What the forces do to the nodes of row r."""
+    o, n, target, scratch = stencil.start[r], stencil.width[r], 1 - source, work.scratch
+    force, per_mass, v, x = scratch.force[thread], stencil.per_mass, scratch.v, scratch.x
     for c in range(3):
-        for j in range(work.row.size):
-            work.row[j] = 0.0
-        for f in range(stencil.corners.shape[0]):
-            _add_row(work.push[f, c, begin:end], work.row)
+        if pace.moves:
+            elements.advance(
+                o, n, force[c], per_mass, pace.close, pace.open, pace.dt, v[source, c], x[source, c], v[target, c],
+                x[target, c],
+            )
+        else:
+            elements.accelerate(o, n, force[c], per_mass, scratch.acceleration[c])
+
+
+@by_row()
+def _end_band(sums: Floats, out: Floats) -> None:
+    """Three times the sums of sums (3, w), into out (3,), and 0 into sums."""
+    for c in range(3):
+        out[c] = 0.0
+    for i in range(sums.shape[1]):
+        for c in range(3):
+            out[c] += 3.0 * sums[c, i]
+            sums[c, i] = 0.0
+
+
+@by_row()
+def sweep(stencil: Stencil, work: StencilWork, source: int, pace: Pace, thread: int, begin: int, end: int) -> None:
+    """Forces on nodes x[source] of bands begin … end, and what follows for them; failures to bad[thread]."""
+    x, rows = work.scratch.x[source], min(end * BAND, stencil.start.size)
+    if begin > 0:
+        _act(stencil, work, x, begin * BAND - 1, thread, pace.share)
+        work.scratch.push[thread] = 0.0
+    bad = 0
+    for r in range(begin * BAND, rows):
+        bad += _act(stencil, work, x, r, thread, pace.share)
+        _collect(stencil, work, r, thread, pace.share > 0.0)
+        _move(stencil, work, r, thread, source, pace)
+        if pace.share > 0.0 and (r + 1 == rows or (r + 1) % BAND == 0):
+            _end_band(work.scratch.push[thread], work.scratch.bands[r // BAND])
+    work.scratch.bad[thread] = bad
+
+
+@numba.njit(cache=True, error_model="numpy")
+def add_up(bands: Floats, total: Floats) -> None:
+    """Total (3,) of the forces (b, 3) on bands."""
+    for c in range(3):
         total[c] = 0.0
-        for j in range(work.row.size):
-            total[c] += 3.0 * work.row[j]
+        for b in range(bands.shape[0]):
+            total[c] += bands[b, c]

@@ -8,11 +8,9 @@ and go on later to the same bits.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from dynamics.kernels import (
     damping,
@@ -29,107 +27,41 @@ from dynamics.kernels import (
     triangles,
 )
 from dynamics.kernels.beam import ramp
-from dynamics.kernels.damping import DampingWork
-from dynamics.kernels.elastic import Floats, Springs
-from dynamics.kernels.integrators import RK4, VERLET, Stage, State, accumulate, advance, advance_heat
-from dynamics.kernels.optical import Light, LightWork
-from dynamics.kernels.properties import Curves
-from dynamics.kernels.reflections import Mirror, MirrorWork
-from dynamics.kernels.sheet import Sheet, SheetWork
-from dynamics.kernels.spin import SpinUp, foresee, kick
-from dynamics.kernels.stencil import Stencil, StencilWork
-from dynamics.kernels.tearing import Broken
-from dynamics.kernels.thermal import Heat, HeatWork
-from dynamics.kernels.triangles import Triangles
-
-
-class Model(NamedTuple):
-    """What flies, unchanging: see the parts.
-
-    rest (3, n): shape in m the attitude is fitted to. lit, warm: are light and heat computed. dt in s; release: the
-    step that starts at t = 0; end: the last one. optics_every: steps between updates of the held light; series_every:
-    between rows. fly_away: distance in m from the axis at which a run ends; most_broken: failed triangles it outlives.
-    retardation (t,): of the damping, in s, empty where that is off. curves: properties that change with temperature.
-    """
-
-    springs: Springs
-    sheet: Sheet
-    stencil: Stencil
-    retardation: Floats
-    triangles: Triangles
-    masses: Floats
-    per_mass: Floats
-    rest: Floats
-    lit: bool
-    light: Light
-    mirror: Mirror
-    warm: bool
-    heat: Heat
-    curves: Curves
-    spin_up: SpinUp
-    integrator: int
-    dt: float
-    release: int
-    end: int
-    optics_every: int
-    series_every: int
-    fly_away: float
-    most_broken: int
-
-
-class Work(NamedTuple):
-    """Work space: free lengths (e,) in m, pull (3, 2e + 1), acceleration (3, n), sides (6, t), and that of the effects.
-
-    sheet: that of elastic triangles. flags: [1 if the held light is valid, failed edge or triangle]. gain (1,): the
-    ramp at the latest evaluation. ahead (3, n): nodes in the middle of the time over which light is held, empty where
-    it is renewed at every step. stage: arrays of rk4, empty for the others.
-    """
-
-    free: Floats
-    sheet: SheetWork
-    stencil: StencilWork
-    damping: DampingWork
-    pull: Floats
-    acceleration: Floats
-    sides: Floats
-    light: LightWork
-    mirror: MirrorWork
-    broken: Broken
-    heat: HeatWork
-    flags: NDArray[np.int64]
-    gain: Floats
-    ahead: Floats
-    stage: Stage
+from dynamics.kernels.crew import dismiss, respond_all, sweep_all
+from dynamics.kernels.elastic import Floats
+from dynamics.kernels.flown import Model, Work
+from dynamics.kernels.integrators import RK4, VERLET, State, accumulate, advance, advance_heat, copy
+from dynamics.kernels.spin import foresee, kick
+from dynamics.kernels.stencil import Pace
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _light_up(model: Model, work: Work, x: Floats, v: Floats, temperature: Floats, t: float) -> int:
-    """Add the light's forces, with new coefficients if flags[0] is 0; INTACT or LEFT_TABLE.
+    """New coefficients of the light's forces at time t in s; INTACT or LEFT_TABLE.
 
     What is held over k steps is that of the middle of them, (k − 1)/2 steps ahead: late coefficients would be an error
     of first order.
     """
-    if work.flags[0] == 0:
-        ahead = 0.5 * (model.optics_every - 1) * model.dt
-        if model.optics_every > 1:
-            foresee(model.masses, x, v, ahead, work.ahead)
-            x = work.ahead
-        triangles.sides(x, model.triangles.corners, work.sides)
-        properties.absorb(model.curves.absorption, model.light.corners, temperature, work.light.absorptance)
-        optical.refresh(model.light, work.light, x, work.sides)
-        if work.light.outside[2] > 0 or (work.light.outside[0] > 0 and not model.light.clamp):
-            work.flags[1] = work.light.outside[1]
-            return failure.LEFT_TABLE
-        for i in range(work.broken.gone.size):
-            tearing.darken(work.broken, work.light, i)
-        if model.mirror.kind.size > 0:
-            reflections.bounce(
-                model.mirror, work.mirror, model.light, work.light, x, work.sides, work.broken.gone,
-                t + ahead,
-            )
-        stencil.hold(model.stencil, work.light.held, work.stencil.held)
-        work.flags[0] = 1
-    stencil.push(model.stencil, work.stencil, work.gain[0], work.light.total)
+    ahead = 0.5 * (model.optics_every - 1) * model.dt
+    if model.optics_every > 1:
+        foresee(model.masses, x, v, ahead, work.ahead)
+    else:
+        copy(x, work.ahead)
+    triangles.sides(work.ahead, model.triangles.corners, work.sides)
+    properties.absorb(model.curves.absorption, model.light.corners, temperature, work.light.absorptance)
+    optical.prepare(model.light, work.light, work.sides)
+    respond_all(model.light, work.light, work.ahead, work.stencil.scratch)
+    optical.finish(model.light, work.light)
+    if work.light.outside[2] > 0 or (work.light.outside[0] > 0 and not model.light.clamp):
+        return failure.LEFT_TABLE
+    for i in range(work.broken.gone.size):
+        tearing.darken(work.broken, work.light, i)
+    if model.mirror.kind.size > 0:
+        reflections.bounce(
+            model.mirror, work.mirror, model.light, work.light, work.ahead, work.sides, work.broken.gone, t + ahead
+        )
+    stencil.hold(model.stencil, work.light.held, work.stencil.held)
+    work.flags[0] = 1
     return failure.INTACT
 
 
@@ -144,71 +76,84 @@ def _warm_up(model: Model, work: Work, x: Floats, temperature: Floats, t: float)
     if model.sheet.expansion.size > 0 or model.curves.expansion.region.size > 0:
         stencil.spread(work.sheet.free, model.stencil.slots, work.stencil.free)
     if model.springs.expansion.size > 0:
-        stencil.spread(work.free, model.stencil.edges, work.stencil.lengths)
+        stencil.spread(work.free, model.stencil.joins, work.stencil.lengths)
     code, found = failure.first_burnt(model.springs, model.heat.limit, model.heat.lowest, temperature)
     if code == failure.THERMAL and work.broken.failed.size > 0:
         tearing.burn(
             work.broken, model.sheet, work.sheet, model.heat, work.heat, work.light, model.springs, x, temperature, t
         )
-        _lay_out(model, work)
+        lay_out(model, work)
         return failure.INTACT
     work.flags[1] = found
     return code
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _lay_out(model: Model, work: Work) -> None:
+def lay_out(model: Model, work: Work) -> None:
     """To the stencil what changes as triangles fail: what they carry, and the light on them."""
-    stencil.spread(work.sheet.modulus, model.stencil.cells, work.stencil.modulus)
-    stencil.spread(work.sheet.limit, model.stencil.cells, work.stencil.limit)
+    carried = work.sheet
+    stencil.stiffen(
+        model.stencil, model.sheet.cotangent, carried.modulus, carried.shear, carried.limit, work.stencil
+    )
     if model.lit:
         stencil.hold(model.stencil, work.light.held, work.stencil.held)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _pull(model: Model, work: Work, x: Floats, t: float) -> int:
-    """Elastic forces into work.stencil; INTACT, TENSILE or NON_FINITE."""
-    if stencil.pull(model.stencil, work.stencil, x) == 0:
+def _pull(model: Model, work: Work, x: Floats, t: float, gain: float) -> int:
+    """Accelerations by elasticity and held light into work.stencil; INTACT, TENSILE or NON_FINITE."""
+    still = Pace(False, 0.0, 0.0, 0.0, gain / 3.0)
+    stencil.lay(model.stencil.place, x, work.stencil.scratch.x[0])
+    if sweep_all(model.stencil, work.stencil, 0, still) == 0:
         return failure.INTACT
     if model.sheet.modulus.size == 0:
         code, work.flags[1] = failure.first_torn(model.springs, x, work.free)
         return code
     if work.broken.failed.size == 0:
-        work.flags[1], finite = sheet.first_torn(model.sheet, work.sheet, model.springs, x, work.pull)
+        torn, finite = sheet.first_torn(model.sheet, work.sheet, model.springs, x)
+        if torn < 0:
+            return failure.INTACT
+        work.flags[1] = torn
         return failure.TENSILE if finite else failure.NON_FINITE
     code, work.flags[1] = tearing.tear(
-        work.broken, model.sheet, work.sheet, work.heat, work.light, model.springs, x, work.pull, t
+        work.broken, model.sheet, work.sheet, work.heat, work.light, model.springs, x, t
     )
-    _lay_out(model, work)
-    stencil.pull(model.stencil, work.stencil, x)
+    lay_out(model, work)
+    sweep_all(model.stencil, work.stencil, 0, still)
     return code
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _finite(x: Floats) -> bool:
+    """Is every number finite."""
+    flat, largest = x.reshape(-1), 0.0
+    for i in range(flat.size):
+        largest = largest if abs(flat[i]) <= largest else abs(flat[i])
+    return largest < np.inf
+
+
+@numba.njit(cache=True, error_model="numpy")
 def evaluate(
-    model: Model, work: Work, x: Floats, v: Floats, temperature: Floats, t: float, renew: bool, warmed: bool,
-    heating: bool,
+    model: Model, work: Work, x: Floats, v: Floats, temperature: Floats, t: float, renew: bool, heating: bool
 ) -> int:
     """Acceleration and heating rate at x, v (3, n), temperature (n,) and time t in s; a failure code.
 
-    renew: update the held light; warmed: the temperature has changed; heating: update the heating rate.
+    renew: update the held light; heating: update the heating rate.
     """
-    if warmed:
-        code = _warm_up(model, work, x, temperature, t)
-        if code != failure.INTACT:
-            return code
-    code = _pull(model, work, x, t)
-    if code != failure.INTACT:
-        return code
-    gain = ramp(t, model.light.delay, model.light.rise, model.light.on) if model.lit else 0.0
+    gain, light = ramp(t, model.light.delay, model.light.rise, model.light.on) if model.lit else 0.0, failure.INTACT
     work.gain[0] = gain
     if renew or gain == 0.0:
         work.flags[0] = 0
-    if gain > 0.0:
-        code = _light_up(model, work, x, v, temperature, t)
-        if code != failure.INTACT:
-            return code
-    stencil.accelerations(model.stencil, work.stencil, model.per_mass, work.acceleration)
+    if gain > 0.0 and work.flags[0] == 0 and _finite(x):
+        light = _light_up(model, work, x, v, temperature, t)
+    code = _pull(model, work, x, t, gain)
+    if code == failure.INTACT and light != failure.INTACT:
+        work.flags[1] = work.light.outside[1]
+        return light
+    if code != failure.INTACT:
+        return code
+    stencil.add_up(work.stencil.scratch.bands, work.light.total)
+    stencil.pick(model.stencil.place, work.stencil.scratch.acceleration, work.acceleration)
     if model.retardation.size > 0:
         damping.resist(
             model.retardation, model.sheet, work.sheet, model.springs, work.damping, x, v, model.per_mass,
@@ -236,8 +181,57 @@ def _add_impulse(gain: float, force: Floats, time: float, impulse: Floats) -> No
 
 
 @numba.njit(cache=True, error_model="numpy")
-def step(model: Model, state: State, work: Work, n: int, fresh: bool) -> int:
-    """From step n to n + 1, or, if `fresh`, just the evaluation of a state that came from no step; a failure code."""
+def _left(count: int, every: int) -> int:
+    """How many steps after `count` the next multiple of `every` comes."""
+    return every - count % every
+
+
+@numba.njit(cache=True, error_model="numpy")
+def free_run(model: Model, n: int, stop: int) -> int:
+    """Steps from n to the next, not beyond `stop`, after which more than forces is due."""
+    if n < model.spin_up.steps or model.integrator == RK4 or model.retardation.size > 0:
+        return 1
+    most = min(stop - n, _left(n - model.release, model.series_every))
+    if model.lit:
+        most = min(most, _left(n - model.release, model.optics_every))
+    return min(most, _left(n - model.release, model.heat.every)) if model.warm else most
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _glide(model: Model, state: State, work: Work, n: int, most: int) -> int:
+    """From nodes that have just moved to step n on: at most so many whole steps; how many.
+
+    It ends early where the light's ramp changes or an element may fail.
+    """
+    if most == 0:
+        return 0
+    space, place, source, done = work.stencil, model.stencil.place, 0, 0
+    half = 0.5 * model.dt if model.integrator == VERLET else 0.0
+    stencil.lay(place, state.x, space.scratch.x[0])
+    stencil.lay(place, state.v, space.scratch.v[0])
+    for k in range(most):
+        t, gain = (n + k - model.release) * model.dt, 0.0
+        if model.lit:
+            gain = ramp(t, model.light.delay, model.light.rise, model.light.on)
+        pace = Pace(True, half, model.dt - half, model.dt, gain / 3.0)
+        if gain != work.gain[0] or sweep_all(model.stencil, space, source, pace) > 0:
+            break
+        stencil.add_up(space.scratch.bands, work.light.total)
+        _add_impulse(gain, work.light.total, pace.close, state.impulse)
+        _add_impulse(gain, work.light.total, pace.open, state.impulse)
+        source, done = 1 - source, k + 1
+    if done > 0:
+        stencil.pick(place, space.scratch.x[source], state.x)
+        stencil.pick(place, space.scratch.v[source], state.v)
+    return done
+
+
+@numba.njit(cache=True, error_model="numpy")
+def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int) -> tuple[int, int]:
+    """From step n at most `most` steps on, or, if `fresh`, just the evaluation of a state that came from no step.
+
+    Returns (failure code, step reached).
+    """
     integrator, dt = model.integrator, model.dt
     if not fresh and n < model.spin_up.steps:
         kick(model.spin_up, n, dt, model.masses, state.x, state.v)
@@ -251,20 +245,27 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool) -> int:
             _add_impulse(work.gain[0], work.light.total, acts, state.impulse)
             if model.warm:
                 warmed, heating = advance_heat(
-                    integrator, dt, model.heat.every, work.heat.rate, state, work.stage, n, k
+                    integrator, dt, model.heat.every, work.heat.rate, state, work.stage, n - model.release, k
                 )
         x = state.x if last else work.stage.x
         temperature = work.stage.temperature if not last and model.heat.every == 1 else state.temperature
         t = (now - model.release) * dt if last else (n - model.release + (1.0 if k == 2 else 0.5)) * dt
+        if warmed:
+            code = _warm_up(model, work, x, temperature, t)
+            if code != failure.INTACT:
+                return code, now
+        if not fresh and most > 1:
+            now += _glide(model, state, work, now, most - 1)
+            t, heating = (now - model.release) * dt, model.warm and (now - model.release) % model.heat.every == 0
         renew = fresh or (last and (now - model.release) % model.optics_every == 0)
         v = state.v if last else work.stage.v
-        code = evaluate(model, work, x, v, temperature, t, renew, warmed, heating)
+        code = evaluate(model, work, x, v, temperature, t, renew, heating)
         if code != failure.INTACT:
-            return code
+            return code, now
     if integrator == VERLET and not fresh:
         accumulate(state.v, 0.5 * dt, work.acceleration)
         _add_impulse(work.gain[0], work.light.total, 0.5 * dt, state.impulse)
-    return failure.INTACT
+    return failure.INTACT, now
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -276,7 +277,7 @@ def write_row(model: Model, state: State, work: Work, n: int, row: Floats) -> in
     record.motion(model.masses, model.rest, state.x, state.v, row)
     if model.sheet.modulus.size > 0:
         row[28], row[29], row[31] = sheet.strain_and_energy(
-            model.sheet, work.sheet, model.springs, state.x, work.pull
+            model.sheet, work.sheet, model.springs, state.x
         )
     else:
         row[28], row[29], row[31] = elastic.strain_and_energy(model.springs, state.x, work.free)
@@ -300,26 +301,23 @@ def write_row(model: Model, state: State, work: Work, n: int, row: Floats) -> in
     return failure.FLY_AWAY if math.hypot(row[1], row[2]) > model.fly_away else failure.INTACT
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def run(
     model: Model, state: State, work: Work, n: int, stop: int, fresh: bool, rows: Floats
 ) -> tuple[int, int, int]:
     """Steps from n to `stop`, with a row (·, WIDTH) every series_every steps, at t = 0 and at the end.
 
     fresh: the state at n did not come from a step (the start, or after the release). Returns (failure code, step
-    reached, rows written). With a code other than INTACT the state is the one in which it was found.
+    reached, rows written). With a code other than INTACT the state is the one in which it was found. Where the work
+    space is for several threads, the others must be in `crew.assist`; they are dismissed at the end.
     """
-    written = 0
-    while fresh or n < stop:
-        code = step(model, state, work, n, fresh)
-        n += 0 if fresh else 1
-        if code != failure.INTACT:
-            return code, n, written
+    written, code = 0, failure.INTACT
+    while code == failure.INTACT and (fresh or n < stop):
+        code, n = step(model, state, work, n, fresh, free_run(model, n, stop))
         due = (n - model.release) % model.series_every == 0 or n == model.end
-        if due and (fresh or n != model.release):
+        if code == failure.INTACT and due and (fresh or n != model.release):
             code = write_row(model, state, work, n, rows[written])
             written += 1
-            if code != failure.INTACT:
-                return code, n, written
         fresh = False
-    return failure.INTACT, n, written
+    dismiss(work.stencil.scratch.board)
+    return code, n, written

@@ -78,13 +78,13 @@ def darken(broken: Broken, light: LightWork, i: int) -> None:
 @numba.njit(cache=True, error_model="numpy")
 def tear(
     broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: LightWork, springs: Springs, x: Floats,
-    pull: Floats, t: float,
+    t: float,
 ) -> tuple[int, int]:
     """Note, and where asked remove, every triangle above its strength at nodes x (3, n) and time t in s.
 
     Returns (NON_FINITE, triangle) if one is not finite, else (INTACT, −1).
     """
-    bad, finite = sheet.first_torn(model, work, springs, x, pull)
+    bad, finite = sheet.first_torn(model, work, springs, x)
     if not finite:
         return NON_FINITE, bad
     for i in range(work.limit.size):

@@ -1,9 +1,10 @@
 """Speed of flexible flight: a step by element and effect, growth with rings, memory, and the roofline of this machine.
 
-The baselines run in the same process: a plain compiled loop over the edges, one over the nodes with padded lists of
-neighbours, and one pass after the other over lists. Times are CPU times of one thread, the best of several.
+The baselines run in the same process: a plain compiled loop over the edges, and one over the nodes with padded lists of
+neighbours. Times are CPU times of one thread, the best of several; those by threads are wall times. Each effect that is
+off is timed in turn with a sail that has not what it needs.
 
-    python workflow/benchmarks/flight_speed.py --out flight_speed [--rings 30] [--largest 200]
+    python workflow/benchmarks/flight_speed.py --out flight_speed [--rings 30] [--largest 200] [--tables TE.h5 TM.h5]
 
 writes flight_speed.csv and flight_speed.png (the roofline).
 """
@@ -14,6 +15,7 @@ import argparse
 import csv
 import math
 import tempfile
+import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,7 +26,8 @@ import numpy as np
 from rows import seconds as best
 
 from dynamics.journal import leaves
-from dynamics.kernels import elastic, sheet, stencil
+from dynamics.kernels import stencil
+from dynamics.kernels.crew import sweep_all
 from dynamics.kernels.record import WIDTH
 from dynamics.kernels.step import run
 from dynamics.membrane import Flight
@@ -35,11 +38,11 @@ from optics.table import PressureTable
 SCENES = Path(__file__).parents[1] / "scenes"
 #: Of an evaluation of all elastic forces, of which the quickest counts.
 REPEATS = 200
-#: Doubles moved to or from memory and operations for each place of the lattice in a step of the triangles: three
-#: families of edges measured, two of triangles strained, three components pulled, nodes laid out and picked, and
-#: three passes of the integrator.
-DOUBLES = 3 * 8 + 2 * 18 + 3 * 14 + 2 * 7 + 3 * 9
-FLOPS = 3 * 8 + 2 * 46 + 3 * 20 + 3 + 3 * 6
+#: Doubles moved to or from memory and operations for each node in a step of the triangles: elements of two families,
+#: positions and velocities before and after, with the lines that writing fetches first; what lies between stays in the
+#: first cache.
+DOUBLES = 2 * (3 + 3 + 1 + 1) + 1 + 2 * (3 + 2 * 3)
+FLOPS = 2 * 71 + 3 * 5 + 3 * 7
 
 
 @numba.njit(cache=False, error_model="numpy")
@@ -88,8 +91,9 @@ def padded(flight: Flight) -> tuple[Any, Any, Any]:
 def scene(base: Scene, rings: int, **groups: Any) -> Scene:
     """A scene with other rings, that writes no rows, and parts replaced."""
     data = base.model_dump()
+    groups["sail"] = {"rings": rings, **groups.get("sail", {})}
     flight = {"series_every": 10**9, "optics_every": 10**4, "heat_every": 10**4, **groups.pop("flight", {})}
-    for name, value in {"sail": {"rings": rings}, "flight": flight, **groups}.items():
+    for name, value in {"flight": flight, **groups}.items():
         data[name] = {**data[name], **value}
     return Scene.model_validate(data)
 
@@ -133,17 +137,13 @@ def elements(base: Scene, rings: int) -> list[tuple[str, float]]:
     out, lists = np.empty_like(x), padded(net)
     a = m.springs
     quickest = partial(best, repeats=REPEATS)
-    found = [
+    still = stencil.Pace(False, 0.0, 0.0, 0.0, 0.0)
+    p, q = film.model, film.work
+    return [
         ("springs, plain loop over edges", quickest(lambda: over_edges(x, a.start, a.end, a.stiffness, w.free, out))),
         ("springs, padded lists of neighbours", quickest(lambda: over_nodes(x, *lists, out))),
-        ("springs, passes over lists", quickest(lambda: elastic.forces(a, x, w.free, w.pull, out))),
-        ("springs, stencil", quickest(lambda: stencil.pull(m.stencil, w.stencil, x))),
-    ]
-    p, q, y = film.model, film.work, film.state.x
-    return [
-        *found,
-        ("triangles, passes over lists", quickest(lambda: sheet.forces(p.sheet, q.sheet, p.springs, y, q.pull, out))),
-        ("triangles, stencil", quickest(lambda: stencil.pull(p.stencil, q.stencil, y))),
+        ("springs, stencil", quickest(lambda: sweep_all(m.stencil, w.stencil, 0, still))),
+        ("triangles, stencil", quickest(lambda: sweep_all(p.stencil, q.stencil, 0, still))),
         ("step of springs", best(lambda: steps(net, 64), 40) / 64),
         ("step of triangles", best(lambda: steps(film, 64), 40) / 64),
     ]
@@ -156,11 +156,58 @@ def effects(base: Scene, rings: int, tables: dict[str, PressureTable]) -> list[t
          step_time(scene(base, rings, flight={"optics_every": k, "heat_every": k, "series_every": rows}), tables))
         for k, rows in ((4, 8), (16, 64), (64, 64))
     ]
-    every = {"optics_every": 16, "heat_every": 16, "series_every": 64}
-    for name in ("absorption", "emission", "conduction", "expansion", "tensile_failure", "thermal_failure"):
-        off = scene(base, rings, flight=every, effects={name: False})
-        found.append((f"16, 16, 64 without {name}", step_time(off, tables)))
     return found
+
+
+#: What a material lacks for each effect.
+LACKS: dict[str, dict[str, Any]] = {
+    "absorption": {"absorptance": 0.0}, "emission": {"emissivity_front": 0.0, "emissivity_back": 0.0},
+    "conduction": {"conductivity_W_mK": 0.0}, "expansion": {"expansion_1_K": 0.0},
+    "tensile_failure": {"strength_Pa": 1e30}, "thermal_failure": {"failure_temperature_K": 1e30},
+}
+
+
+def films(base: Scene, **material: Any) -> dict[str, Any]:
+    """Sectors of constant reflectance instead of the gratings, with some properties of the material replaced."""
+    kind = base.sail.sectors[0].properties.model_dump()
+    return {"sectors": [{"from_deg": 0.0, "material": {**kind, **material}, "reflectance": 0.5}]}
+
+
+def switched_off(base: Scene, rings: int, repeats: int = 200) -> list[tuple[str, float, float]]:
+    """For each effect seconds a step with it switched off, and of a sail without what it needs, in turn, the best."""
+    every = {"optics_every": 16, "heat_every": 16, "series_every": 64}
+    calm = {"release": {"offset_m": [0.0, 0.0], "pitch_deg": 0.0, "roll_deg": 0.0}}
+    found = []
+    for name, lacks in LACKS.items():
+        pair = [
+            started(scene(base, rings, flight=every, sail={**films(base, **material), "rings": rings}, **calm,
+                          effects={name: value}), {})
+            for material, value in (({}, False), (lacks, None))
+        ]
+        least = [math.inf, math.inf]
+        for _ in range(repeats):
+            for i, flight in enumerate(pair):
+                least[i] = min(least[i], best(lambda f=flight: steps(f, 64), 1))  # type: ignore[misc]
+        found.append((name, least[0] / 64, least[1] / 64))
+    return found
+
+
+def by_threads(given: Scene, tables: dict[str, PressureTable]) -> list[float]:
+    """Wall seconds a step with one thread and with two, in turn; best of several."""
+    with tempfile.TemporaryDirectory() as folder:
+        flights = [Flight(given, tables, Path(folder) / str(threads), threads) for threads in (1, 2)]
+        least = [math.inf, math.inf]
+        for flight in flights:
+            flight.step = flight.model.release
+            flight.state.x[...] *= 1.0 + 1e-5
+        count = 512 if flights[0].model.masses.size < 20_000 else 64
+        for _ in range(20):
+            for i, flight in enumerate(flights):
+                start = time.perf_counter()
+                _, flight.step, _ = flight._run(flight.step, flight.step + count, flight.fresh)
+                least[i] = min(least[i], time.perf_counter() - start)
+                flight.fresh = False
+    return [seconds / count for seconds in least]
 
 
 def growth(base: Scene, largest: int) -> list[tuple[int, int, float, float]]:
@@ -221,9 +268,8 @@ def roofline(found: dict[str, float], sizes: list[tuple[int, int, float, float]]
     intensity = np.geomspace(0.02, 20, 200)
     for name in ("memory", "cache"):
         axes.loglog(intensity, np.minimum(found["flops"], found[name] * intensity) / 1e9, label=f"bound of {name}")
-    for rings, _, seconds, _ in sizes:
-        places = (2 * rings + 1) ** 2
-        axes.plot(FLOPS / (8 * DOUBLES), places * FLOPS / seconds / 1e9, "o", label=f"{rings} rings")
+    for rings, nodes, seconds, _ in sizes:
+        axes.plot(FLOPS / (8 * DOUBLES), nodes * FLOPS / seconds / 1e9, "o", label=f"{rings} rings")
     axes.set(xlabel="operations a byte", ylabel="10⁹ operations a second", title="Elastic step, one core")
     axes.legend(fontsize="small")
     with atomic(path) as temporary:
@@ -247,6 +293,17 @@ def main() -> None:
     for name, seconds in [*measured, *(effects(base, given.rings, tables) if tables else [])]:
         rows.append((name, seconds * 1e6, "µs"))
         print(f"{name:45s} {seconds * 1e6:8.1f} µs   {plain / seconds:5.2f} times the plain loop's speed", flush=True)
+    for name, off, without in switched_off(base, given.rings):
+        rows += [(f"{name} off", off * 1e6, "µs"), (f"without {name}", without * 1e6, "µs")]
+        print(f"{name + ' off':45s} {off * 1e6:8.1f} µs   {off / without:5.3f} of a sail without", flush=True)
+    for rings in sorted({given.rings, given.largest}):
+        lit = {"optics_every": 16, "heat_every": 16, "series_every": 64}
+        cases = [("elastic", dark(base, rings), {}), ("all effects", scene(base, rings, flight=lit), tables)]
+        for name, case, needed in cases if tables else cases[:1]:
+            one, two = by_threads(case, needed)
+            rows += [(f"{rings} rings, {name}, {k} threads", t * 1e6, "µs") for k, t in ((1, one), (2, two))]
+            each = f"one thread {one * 1e6:.1f}, two {two * 1e6:.1f} µs: {one / two:.2f} ×"
+            print(f"{rings:4d} rings, {name}: {each}", flush=True)
     sizes = growth(base, given.largest)
     for rings, n, seconds, held in sizes:
         rows += [(f"{rings} rings, step", seconds * 1e6, "µs"), (f"{rings} rings, memory", held, "bytes a node")]

@@ -1,0 +1,148 @@
+"""Threads that fly one sail: the first hands out work and takes its share, the others wait for it without sleeping.
+
+A step takes tens of microseconds, less than waking a thread does. What a thread does depends on no other, so results
+have the same bits for any number of them. The board (24,): the ticket of the latest work, what is to be done and with
+which source; then how many threads were done with it. Each at the start of a line of the cache.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from dynamics.kernels import optical, stencil
+from dynamics.kernels.elastic import Floats, Integers
+from dynamics.kernels.optical import Light, LightWork
+from dynamics.kernels.stencil import Pace, Scratch, Stencil, StencilWork
+
+TICKET, TASK, SOURCE, DONE = 0, 8, 9, 16
+LEAVE, SWEEP, RESPOND = range(3)
+BOARD, ORDERS = 24, 4
+_PATIENCE = 200  # looks at the board before others are let on the core
+
+
+def _place(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    array = context.make_array(signature.args[0])(context, builder, args[0])
+    return builder.gep(array.data, [args[1]])
+
+
+@intrinsic
+def _look(typing: Any, board: Any, place: Any) -> Any:
+    """Entry of the board; what was written before it was written is seen from here on."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.load_atomic(_place(context, builder, signature, args), "acquire", 8)
+
+    return types.int64(board, types.intp), generate
+
+
+@intrinsic
+def _add(typing: Any, board: Any, place: Any, value: Any) -> Any:
+    """Add to an entry of the board; who sees it also sees what was written before."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.atomic_rmw("add", _place(context, builder, signature, args), args[2], "acq_rel")
+
+    return types.int64(board, types.intp, types.int64), generate
+
+
+@intrinsic
+def _let_others(typing: Any) -> Any:
+    """Let another process have the core, if one wants it (POSIX sched_yield)."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind = ir.FunctionType(ir.IntType(32), [])
+        builder.call(cgutils.get_or_insert_function(builder.module, kind, "sched_yield"), [])
+        return context.get_dummy_value()
+
+    return types.void(), generate
+
+
+@numba.njit(cache=True)
+def _await(board: Integers, place: int, value: int) -> None:
+    """Until an entry of the board is at least `value`."""
+    looks = 0
+    while _look(board, place) < value:
+        looks += 1
+        if looks > _PATIENCE:
+            _let_others()
+
+
+@numba.njit(cache=True)
+def _hand_out(board: Integers, task: int, source: int) -> None:
+    board[TASK], board[SOURCE] = task, source
+    _add(board, TICKET, 1)
+
+
+@numba.njit(cache=True)
+def _collect(board: Integers, others: int) -> None:
+    """Until the others are done with all work handed out so far."""
+    _await(board, DONE, board[TICKET] * others)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def sweep_all(layout: Stencil, work: StencilWork, source: int, pace: Pace) -> int:
+    """A sweep over all rows; how many elements may have failed or are not finite."""
+    scratch = work.scratch
+    others = scratch.bad.size - 1
+    if others > 0:
+        scratch.orders[0], scratch.orders[1] = pace.close, pace.open
+        scratch.orders[2], scratch.orders[3] = pace.dt, pace.share
+        _hand_out(scratch.board, SWEEP, 2 * source + (1 if pace.moves else 0))
+    stencil.sweep(layout, work, source, pace, 0, scratch.shares[0], scratch.shares[1])
+    if others > 0:
+        _collect(scratch.board, others)
+    bad = 0
+    for thread in range(others + 1):
+        bad += scratch.bad[thread]
+    return bad
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _part(size: int, thread: int, threads: int) -> tuple[int, int]:
+    """First and end of a thread's part of `size` numbers."""
+    return size * thread // threads, size * (thread + 1) // threads
+
+
+@numba.njit(cache=True, error_model="numpy")
+def respond_all(light: Light, work: LightWork, x: Floats, scratch: Scratch) -> None:
+    """Response of all triangles at nodes x (3, n), which must be `ahead` of the work space."""
+    threads, size = scratch.bad.size, light.corners.shape[1]
+    if threads > 1:
+        _hand_out(scratch.board, RESPOND, 0)
+    begin, end = _part(size, 0, threads)
+    optical.respond(light, work, x, begin, end, scratch.found[0])
+    if threads > 1:
+        _collect(scratch.board, threads - 1)
+    optical.note(light, work, scratch.found)
+
+
+@numba.njit(cache=True)
+def dismiss(board: Integers) -> None:
+    """Let the other threads go."""
+    _hand_out(board, LEAVE, 0)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def assist(layout: Stencil, work: StencilWork, light: Light, lit: LightWork, ahead: Floats, thread: int) -> None:
+    """What a thread other than the first does from the start of `step.run` to its end; the board must be empty."""
+    scratch, ticket = work.scratch, 0
+    board, orders, threads = scratch.board, scratch.orders, scratch.bad.size
+    while True:
+        ticket += 1
+        _await(board, TICKET, ticket)
+        if board[TASK] == LEAVE:
+            return
+        if board[TASK] == SWEEP:
+            source, moves = board[SOURCE] // 2, board[SOURCE] % 2 == 1
+            pace = Pace(moves, orders[0], orders[1], orders[2], orders[3])
+            stencil.sweep(layout, work, source, pace, thread, scratch.shares[thread], scratch.shares[thread + 1])
+        else:
+            begin, end = _part(light.corners.shape[1], thread, threads)
+            optical.respond(light, lit, ahead, begin, end, scratch.found[thread])
+        _add(board, DONE, 1)
