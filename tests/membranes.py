@@ -33,8 +33,8 @@ def altered(base: Scene, **groups: Any) -> Scene:
     return Scene.model_validate(data)
 
 
-# Coarse meshes take longer steps: light and heat are renewed more often than on the scene's own mesh.
-FIG6 = altered(_SCENE, flight={"optics_every": 4, "heat_every": 4})
+# Coarse meshes take longer steps: light, heat and rows are renewed more often than on the scene's own mesh.
+FIG6 = altered(_SCENE, flight={"optics_every": 4, "heat_every": 4, "series_every": 8})
 
 
 def film(**material: Any) -> list[dict[str, Any]]:
