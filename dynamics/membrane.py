@@ -24,10 +24,15 @@ import numpy as np
 
 from dynamics.attitude import rotation_from_angles
 from dynamics.command import stage_arguments
+from dynamics.corotating import carrier_work
 from dynamics.flight import Frame, series, write_flight
 from dynamics.journal import Journal, leaves, numbers_digest
+<<<<<<< HEAD
 from dynamics.kernels import failure, properties, record, sheet, tearing
 from dynamics.kernels.crew import assist
+=======
+from dynamics.kernels import carried, failure, properties, record, sheet, tearing
+>>>>>>> dbdf7e0 (Flexible flight of spinning flat sails in semi-implicit steps at the membrane's slow scale)
 from dynamics.kernels.elastic import REFERENCE_TEMPERATURE
 from dynamics.kernels.flown import Work
 from dynamics.kernels.integrators import State
@@ -51,7 +56,7 @@ SCHEMA = 3
 REASONS = {
     failure.INTACT: "finished", failure.TENSILE: "tensile_failure", failure.THERMAL: "thermal_failure",
     failure.LEFT_TABLE: "left_table", failure.FLY_AWAY: "fly_away", failure.NON_FINITE: "non_finite",
-    failure.BROKEN: "broken",
+    failure.BROKEN: "broken", failure.BEYOND: "beyond_scheme",
 }
 
 
@@ -76,9 +81,14 @@ class Flight:
         self.work: Work = work_space(
             self.model, scene.flight.on_failure, self.membrane.lattice.conductance_shares, threads
         )
+<<<<<<< HEAD
         # What a later run needs, which may have another number of threads
         self._kept = self.work._replace(stencil=kept(self.work.stencil))
         self._others = ThreadPoolExecutor(threads)
+=======
+        self.carrier = self.membrane.carrier
+        self.carrying = None if self.carrier is None else carrier_work(self.carrier, self.model)
+>>>>>>> dbdf7e0 (Flexible flight of spinning flat sails in semi-implicit steps at the membrane's slow scale)
         self.step, self.fresh = 0, True
         self._wall, self._watch, self._saved = 0.0, Stopwatch(), Stopwatch()
         n = self.model.masses.size
@@ -86,7 +96,7 @@ class Flight:
         self._rows = np.empty((CHUNK // self.model.series_every + 3, record.WIDTH))
         self._frame_steps = max(1, round(scene.flight.snapshot_every_s / self.model.dt))
         # The numbers that fly, too: they change with any edit of a material, the lattice or the mesh
-        digests = [digest(), numbers_digest(self.model), *(table.digest for table in tables.values())]
+        digests = [digest(), numbers_digest(self.model), numbers_digest(self.carrier), *(table.digest for table in tables.values())]
         self._fingerprint = hashlib.sha256(repr([SCHEMA, scene.model_dump_json(), digests]).encode()).hexdigest()
 
     @property
@@ -96,7 +106,11 @@ class Flight:
 
     def resume(self) -> bool:
         """Go on from the checkpoint in the journal's folder, if there is one of this very flight."""
+<<<<<<< HEAD
         counters = self.journal.restore(self._fingerprint, self.state, self._kept)
+=======
+        counters = self.journal.restore(self._fingerprint, *self._trees())
+>>>>>>> dbdf7e0 (Flexible flight of spinning flat sails in semi-implicit steps at the membrane's slow scale)
         if counters is not None:
             self.step, self.fresh, self._wall = int(counters["step"]), bool(counters["fresh"]), counters["wall"]
         return counters is not None
@@ -104,7 +118,11 @@ class Flight:
     def checkpoint(self) -> None:
         """Save the state from which `resume` goes on."""
         counters = {"step": self.step, "fresh": self.fresh, "wall": self.wall_seconds}
+<<<<<<< HEAD
         self.journal.save(self._fingerprint, counters, self.state, self._kept)
+=======
+        self.journal.save(self._fingerprint, counters, *self._trees())
+>>>>>>> dbdf7e0 (Flexible flight of spinning flat sails in semi-implicit steps at the membrane's slow scale)
         self._saved = Stopwatch()
 
     def fly(self) -> End:
@@ -141,6 +159,7 @@ class Flight:
         return None
 
     def _run(self, start: int, stop: int, fresh: bool) -> tuple[int, int, int]:
+<<<<<<< HEAD
         """`step.run`, with the other threads at its side."""
         work, model = self.work, self.model
         work.stencil.scratch.board[:] = 0
@@ -156,6 +175,22 @@ class Flight:
     def _arrays(self) -> Iterator[tuple[str, Any]]:
         yield from leaves(self.state)
         yield from leaves(self._kept)
+=======
+        """Steps from start to stop, by the scheme that flies: failure code, step reached, rows written."""
+        if self.carrier is None:
+            return run(self.model, self.state, self.work, start, stop, fresh, self._rows)
+        return carried.run(
+            self.model, self.carrier, self.state, self.work, self.carrying, start, stop, fresh, self._rows
+        )
+
+    def _trees(self) -> list[Any]:
+        """All that changes as the sail flies."""
+        return [self.state, self.work, *([self.carrying] if self.carrying is not None else [])]
+
+    def _arrays(self) -> Iterator[tuple[str, Any]]:
+        for tree in self._trees():
+            yield from leaves(tree)
+>>>>>>> dbdf7e0 (Flexible flight of spinning flat sails in semi-implicit steps at the membrane's slow scale)
 
     def _stop(self) -> int:
         """The step up to which the next kernel call goes."""

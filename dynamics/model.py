@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics import corotating
 from dynamics.curves import build_curves
 from dynamics.kernels import (
     elastic,
@@ -23,6 +24,7 @@ from dynamics.kernels import (
     tree,
     triangles,
 )
+from dynamics.kernels.corotating import Carrier
 from dynamics.lattice import (
     STABILITY,
     Floats,
@@ -50,18 +52,27 @@ Plan = dict[str, Effect]
 MARGIN = 0.8
 INTEGRATORS = {
     "semi_implicit_euler": integrators.SEMI_IMPLICIT_EULER, "verlet": integrators.VERLET, "rk4": integrators.RK4,
+    "corotating": integrators.VERLET,
 }
 
 
 @dataclass(frozen=True)
 class Membrane:
-    """Everything a flexible flight needs: the scene and its plan, mesh and lattice, and the kernels' model."""
+    """Everything a flexible flight needs: the scene and its plan, mesh and lattice, and the kernels' model.
+
+    carrier: what the co-rotating scheme adds to it, if that flies.
+    """
 
     scene: Scene
     effects: Plan
     mesh: Mesh
     lattice: Lattice
+<<<<<<< HEAD
     model: flown.Model
+=======
+    model: step.Model
+    carrier: Carrier | None = None
+>>>>>>> dbdf7e0 (Flexible flight of spinning flat sails in semi-implicit steps at the membrane's slow scale)
 
     @property
     def elastic_triangles(self) -> bool:
@@ -239,6 +250,8 @@ def _spin_up(scene: Scene, effects: Plan, dt: float) -> spin.SpinUp:
 def time_step(scene: Scene, mesh: Mesh, lat: Lattice) -> float:
     """The scene's time step in s, or MARGIN · 2/ω_max and at most 1° of turn; InputError above the stability bound."""
     flight, share = scene.flight, 1.0
+    if flight.integrator == "corotating":
+        return corotating.time_step(scene)
     springs = lat.stiffness.size > 0
     matrix = stiffness_matrix(mesh, lat.stiffness) if springs else sheet_matrix(scene.sail, mesh)
     omega = highest_frequency(matrix, lat.masses)
@@ -294,7 +307,8 @@ def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
         series_every=scene.flight.series_every, fly_away=scene.flight.fly_away_m,
         most_broken=math.floor(scene.flight.broken_fraction * len(mesh.triangles)),
     )
-    return Membrane(scene, effects, mesh, lat, model)
+    carried = corotating.carrier(scene, mesh, lat.masses, dt) if scene.flight.integrator == "corotating" else None
+    return Membrane(scene, effects, mesh, lat, model, carried)
 
 
 def centred(mesh: Mesh, masses: Floats) -> Floats:

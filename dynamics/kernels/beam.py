@@ -30,3 +30,15 @@ def ramp(t: float, delay: float, rise: float, on: float) -> float:
     if s <= rise + on:
         return 1.0
     return 0.5 * (1.0 + math.cos(math.pi * (s - rise - on) / rise))
+
+
+@numba.njit(cache=True)
+def ramp_integral(t: float, delay: float, rise: float, on: float) -> float:
+    """Time in s for which the full beam would have given the light that `ramp` has let through until t."""
+    s = min(max(t - delay, 0.0), on + 2.0 * rise)
+    if s < rise:
+        return 0.5 * (s - rise / math.pi * math.sin(math.pi * s / rise))
+    if s <= rise + on:
+        return s - 0.5 * rise
+    late = s - rise - on
+    return 0.5 * rise + on + 0.5 * (late + rise / math.pi * math.sin(math.pi * late / rise))

@@ -10,7 +10,7 @@ import numpy as np
 from dynamics.kernels.elastic import Floats, Springs
 from dynamics.kernels.thermal import hottest
 
-INTACT, TENSILE, THERMAL, LEFT_TABLE, FLY_AWAY, NON_FINITE, BROKEN = range(7)
+INTACT, TENSILE, THERMAL, LEFT_TABLE, FLY_AWAY, NON_FINITE, BROKEN, BEYOND = range(8)
 
 
 @numba.njit(cache=True, error_model="numpy")

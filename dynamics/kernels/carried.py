@@ -1,0 +1,121 @@
+"""Flight in the semi-implicit steps of `dynamics.kernels.corotating`, light and heat renewed in each of them."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+
+from dynamics.kernels import failure
+from dynamics.kernels.beam import ramp_integral
+from dynamics.kernels.corotating import Carrier, CarrierWork, beyond, soften, soften_released
+from dynamics.kernels.elastic import Floats
+from dynamics.kernels.integrators import VERLET, State, accumulate, advance, copy
+from dynamics.kernels.optical import Light
+from dynamics.kernels.spin import SpinUp, kick
+from dynamics.kernels.step import Model, Work, evaluate, write_row
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _ramp_time(light: Light, begin: float, end: float) -> float:
+    """A time in s at which the ramp has its mean value between two times: it may rise within a small part of a step."""
+    whole = ramp_integral(end, light.delay, light.rise, light.on) - ramp_integral(
+        begin, light.delay, light.rise, light.on
+    )
+    mean = min(max(whole / (end - begin), 0.0), 1.0)
+    return light.delay + light.rise * math.acos(1.0 - 2.0 * mean) / math.pi
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _act(model: Model, work: Work, state: State) -> None:
+    """Half a step of the present accelerations."""
+    accumulate(state.v, 0.5 * model.dt, work.acceleration)
+    if work.gain[0] > 0.0:
+        for c in range(3):
+            state.impulse[c] += 0.5 * model.dt * work.light.total[c]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _warm(model: Model, state: State, work: Work, own: CarrierWork) -> None:
+    """Temperatures one step on, by the two-step method of Adams & Bashforth (Hairer, Nørsett & Wanner, §III.1)."""
+    for i in range(state.temperature.size):
+        rate = work.heat.rate[i]
+        state.temperature[i] += model.dt * (1.5 * rate - 0.5 * own.rate[i])
+        own.rate[i] = rate
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _spin(model: Model, carrier: Carrier, state: State, work: Work, n: int, k: int) -> float:
+    """To the evaluation of explicit step k within step n of the spin-up; returns the time left of step n in s."""
+    size = model.dt / carrier.substeps
+    spin_up = SpinUp(model.spin_up.rate, model.spin_up.steps * carrier.substeps, model.spin_up.acceleration)
+    kick(spin_up, n * carrier.substeps + k, size, model.masses, state.x, state.v)
+    advance(VERLET, size, work.acceleration, state, work.stage, 0)
+    return (carrier.substeps - 1 - k) * size
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _carry(model: Model, carrier: Carrier, state: State, work: Work, own: CarrierWork, fresh: bool) -> int:
+    """From the true accelerations to those of the scheme, and to the end of the step; a failure code."""
+    if fresh:
+        soften_released(model, carrier, own, state.x, state.v, work.acceleration)
+    else:
+        soften(model, carrier, own, state.x, state.v, work.acceleration)
+        _act(model, work, state)
+    edge = beyond(model.springs, carrier, work.sheet.free, own)
+    if edge >= 0:
+        work.flags[1] = edge
+        return failure.BEYOND
+    return failure.INTACT
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _step(
+    model: Model, carrier: Carrier, state: State, work: Work, own: CarrierWork, n: int, fresh: bool
+) -> int:
+    """From step n to n + 1, or, if `fresh`, just the evaluation of a state that came from no step; a failure code."""
+    spinning_up = n < model.release
+    if model.warm and not fresh:
+        _warm(model, state, work, own)
+    pieces = carrier.substeps if spinning_up and not fresh else 1
+    t = ((n if fresh else n + 1) - model.release) * model.dt
+    for k in range(pieces):
+        when = t
+        if spinning_up and not fresh:
+            when -= _spin(model, carrier, state, work, n, k)
+        elif not spinning_up:
+            if not fresh:
+                _act(model, work, state)
+                accumulate(state.x, model.dt, state.v)
+            when = _ramp_time(model.light, t if fresh else t - 0.5 * model.dt, t + 0.5 * model.dt)
+        heating = model.warm and k == pieces - 1
+        code = evaluate(model, work, state.x, state.v, state.temperature, when, True, model.warm and k == 0, heating)
+        if code != failure.INTACT:
+            return code
+        if spinning_up and not fresh:
+            accumulate(state.v, 0.5 * model.dt / carrier.substeps, work.acceleration)
+    if model.warm and fresh:
+        copy(work.heat.rate, own.rate)
+    return failure.INTACT if spinning_up else _carry(model, carrier, state, work, own, fresh)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def run(
+    model: Model, carrier: Carrier, state: State, work: Work, own: CarrierWork, n: int, stop: int, fresh: bool,
+    rows: Floats,
+) -> tuple[int, int, int]:
+    """As `dynamics.kernels.step.run`, with the steps of this scheme."""
+    written = 0
+    while fresh or n < stop:
+        code = _step(model, carrier, state, work, own, n, fresh)
+        n += 0 if fresh else 1
+        if code != failure.INTACT:
+            return code, n, written
+        due = (n - model.release) % model.series_every == 0 or n == model.end
+        if due and (fresh or n != model.release):
+            code = write_row(model, state, work, n, rows[written])
+            written += 1
+            if code != failure.INTACT:
+                return code, n, written
+        fresh = False
+    return failure.INTACT, n, written
