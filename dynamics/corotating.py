@@ -93,7 +93,8 @@ def carrier_work(carried: Carrier, model: Model) -> CarrierWork:
     """Work space of the scheme."""
     n = model.masses.size
     return CarrierWork(
-        *np.zeros((4, 3, n)), plane=np.zeros(2 * n), across=np.zeros(n), frame=np.zeros((3, 3)),
-        motion=np.zeros((8, 3)), rate=np.zeros(n if model.warm else 0), in_plane=solution_space(carried.plane),
+        places=np.zeros((3, n)), drift=np.zeros((3, n)), field=np.zeros((3, n)), carried=np.zeros((3, n)),
+        plane=np.zeros(2 * n), across=np.zeros(n), frame=np.zeros((3, 3)), motion=np.zeros((8, 3)),
+        rate=np.zeros(n if model.warm else 0), in_plane=solution_space(carried.plane),
         out_of_plane=solution_space(carried.across),
     )

@@ -1,8 +1,8 @@
-"""Factorisation of sparse matrices on a sail's nodes by nested dissection, for the kernel of `dynamics.kernels.dissection`.
+"""Factorisation of sparse matrices on a sail's nodes by nested dissection, for `dynamics.kernels.dissection`.
 
-The nodes are halved again and again along the direction that leaves the fewest nodes between the halves (George, SIAM J.
-Numer. Anal. 10 (1973) 345). Halves are eliminated before what separates them, as dense fronts (Duff & Reid, ACM Trans.
-Math. Softw. 9 (1983) 302). On n nodes of a sheet, storage and solution grow as n log n.
+The nodes are halved again and again along the direction that leaves the fewest nodes between the halves (George, SIAM
+J. Numer. Anal. 10 (1973) 345). Halves are eliminated before what separates them, as dense fronts (Duff & Reid, ACM
+Trans. Math. Softw. 9 (1983) 302). On n nodes of a sheet, storage and solution grow as n log n.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dynamics.kernels.dissection import Factor, Solution
 from dynamics.mesh import Floats, Integers
 
 #: Nodes up to which a part is not halved any more: the fastest at 30 rings.
-LEAF = 8
+LEAF = 16
 #: Directions along which a part may be halved.
 ANGLES = np.radians(np.arange(0.0, 180.0, 15.0))
 

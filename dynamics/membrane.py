@@ -96,7 +96,8 @@ class Flight:
         self._rows = np.empty((CHUNK // self.model.series_every + 3, record.WIDTH))
         self._frame_steps = max(1, round(scene.flight.snapshot_every_s / self.model.dt))
         # The numbers that fly, too: they change with any edit of a material, the lattice or the mesh
-        digests = [digest(), numbers_digest(self.model), numbers_digest(self.carrier), *(table.digest for table in tables.values())]
+        flying = [self.model, *([self.carrier] if self.carrier is not None else [])]
+        digests = [digest(), *map(numbers_digest, flying), *(table.digest for table in tables.values())]
         self._fingerprint = hashlib.sha256(repr([SCHEMA, scene.model_dump_json(), digests]).encode()).hexdigest()
 
     @property
@@ -241,7 +242,7 @@ class Flight:
             u, v = self.work.light.direction
             sector = int(mesh.sector[found])
             return x[mesh.triangles[found]].mean(axis=0), f"triangle {found}, sector {sector}, u = {u:.6g}, v = {v:.6g}"
-        if code == failure.TENSILE and self.membrane.elastic_triangles:
+        if code in (failure.TENSILE, failure.BEYOND) and self.membrane.elastic_triangles:
             return x[mesh.triangles[found]].mean(axis=0), f"triangle {found} of nodes {mesh.triangles[found].tolist()}"
         return x[mesh.edges[found]].mean(axis=0), f"edge {found} between nodes {mesh.edges[found].tolist()}"
 

@@ -213,8 +213,9 @@ class Flight(Strict):
     optical coefficients, which are those of the middle of that time, and of the temperatures. spin_up_s: null for the
     published |f|/(1801.8 max(|f|/100 Hz, Γ)), Γ = 10 for flat sails, 2 for curved ones.
     stiffness: 'triangles' of constant strain, or springs along the edges: 'van_gelder' with Poisson's ratio, 'lattice'.
-    integrator: 'corotating' steps semi-implicitly, at 1/150 of a turn by default, in the frame of a spinning flat sail of
-    triangles, light and heat renewed in every step; it ends a flight as 'beyond_scheme' where strain or slopes outgrow it.
+    integrator: 'corotating' steps semi-implicitly, 1/150 of a turn by default, in the frame of a spinning flat sail of
+    triangles, light and heat renewed in every step; it ends a flight as 'beyond_scheme' where strain or slopes are too
+    large for it.
     Triangles tear where the larger principal stress reaches the strength, springs where their strain reaches strength
     over Young's modulus. rim_factor: for springs only. on_failure: 'stop' ends the flight; 'record' counts the failed
     triangles, 'remove' takes them out of the sail, until more than broken_fraction of them have failed.

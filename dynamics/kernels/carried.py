@@ -62,9 +62,9 @@ def _carry(model: Model, carrier: Carrier, state: State, work: Work, own: Carrie
     else:
         soften(model, carrier, own, state.x, state.v, work.acceleration)
         _act(model, work, state)
-    edge = beyond(model.springs, carrier, work.sheet.free, own)
-    if edge >= 0:
-        work.flags[1] = edge
+    triangle = beyond(model.springs, carrier, work.sheet.free, own)
+    if triangle >= 0:
+        work.flags[1] = triangle
         return failure.BEYOND
     return failure.INTACT
 

@@ -4,12 +4,12 @@ With y the places of the nodes in that frame, the scheme is velocity Verlet with
 
     (M + ½ Δt² K) ÿ = F − M (ω × (ω × r) + 2 ω × ẏ),
 
-K the stiffness of the flat sail in its plane, and that of a membrane under a tension never reached across it. It differs
-from M ÿ by terms of second order, is stable at any step as long as K is stiffer than the sail (`beyond`), and in-plane
-waves, which are much faster than the steps, become slow while their forces stay true. The matrix is constant, and so is
-its factor. It is the operator-splitting method of Nakashima et al. (Combescure & Pegon, Comput. Methods Appl. Mech. Eng.
-139 (1997) 1) with the forces at the predicted places. Total force and torque about the centre of mass stay as they are,
-so momentum and angular momentum are kept to rounding. A sail that turns steadily is an exact solution of the steps.
+K the stiffness of the flat sail in its plane, and ½ of that of a membrane under a tension never reached across it. It
+differs from M ÿ by terms of second order and is stable as long as K is stiffer than the sail (`beyond`). In-plane
+waves, which are much faster than the steps, become slow while their forces stay true. The matrix is constant, and so
+is its factor. It is operator splitting (Combescure & Pegon, Soil Dyn. Earthq. Eng. 16 (1997) 427, α = 0) seen at the
+predicted places. Total force and torque about the centre of mass stay as they are, so momentum and angular momentum
+are kept to rounding. A sail that turns steadily is an exact solution of the steps.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from dynamics.kernels.integrators import copy
 from dynamics.kernels.record import centre
 from dynamics.kernels.step import Model
 
-#: Passes that find the velocity half a step before a release, of which each errs by the angle of turn of the one before.
+#: Passes that find the velocity half a step before a release: each errs by the one before times the angle of turn.
 PASSES = 8
 
 
@@ -202,7 +202,7 @@ def _residual(model: Model, own: CarrierWork, dt: float) -> float:
 
 @numba.njit(cache=True, error_model="numpy")
 def _assemble(own: CarrierWork, dt: float, spin: float) -> None:
-    """Field (3, n), in the lab, of accelerations from the solutions: carried, with the Coriolis term of ½ Δt ÿ, and ÿ."""
+    """Field (3, n) of accelerations in the lab: carried, ÿ of the solutions, and the Coriolis term of ½ Δt ÿ."""
     e, angle = own.frame, dt * spin
     share = angle / (1.0 + angle * angle)
     for i in range(own.across.size):
@@ -252,7 +252,7 @@ def soften_released(
 
 @numba.njit(cache=True, error_model="numpy")
 def beyond(springs: Springs, carrier: Carrier, free: Floats, own: CarrierWork) -> int:
-    """The first edge of more strain and slope than the scheme is stable for, or not finite; −1 if there is none.
+    """A triangle of the first edge of more strain and slope than the scheme bears, or not finite; −1 if there is none.
 
     free (3t,): squared free lengths in m² of the sides of the triangles.
     """
@@ -264,5 +264,5 @@ def beyond(springs: Springs, carrier: Carrier, free: Floats, own: CarrierWork) -
         d0, d1, d2, rise = r[0, b] - r[0, a], r[1, b] - r[1, a], r[2, b] - r[2, a], height[b] - height[a]
         square = free[carrier.sides[k]]
         if not 0.5 * (d0 * d0 + d1 * d1 + d2 * d2 - square) + 2.0 * rise * rise <= carrier.most * square:
-            return k
+            return carrier.sides[k] % (free.size // 3)
     return -1
