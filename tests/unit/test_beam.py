@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dynamics import beam
+from dynamics.kernels.beam import ramp, ramp_integral
 from dynamics.scene import Beam
 
 LASER = Beam(intensity_W_m2=1e9, radius_m=0.4, delay_s=0.1, rise_s=0.02, on_s=0.5)
@@ -46,3 +47,11 @@ def test_ramp_is_smooth_between_its_knots():
         t = np.linspace(a, b, 2001)[1:-1]
         second = np.diff(beam.ramp(LASER, t), 2) / (t[1] - t[0]) ** 2
         assert np.abs(second).max() <= 0.5 * (np.pi / 0.02) ** 2 * 1.001
+
+
+def test_light_let_through_is_the_integral_of_the_ramp():
+    delay, rise, on = 0.1, 0.02, 0.5
+    t = np.linspace(0.0, 0.8, 80001)
+    shares = np.array([ramp(x, delay, rise, on) for x in t])
+    sums = np.concatenate([[0.0], np.cumsum(0.5 * (shares[1:] + shares[:-1]) * np.diff(t))])
+    assert np.abs([ramp_integral(x, delay, rise, on) for x in t] - sums).max() < 1e-8

@@ -39,6 +39,8 @@ MESHES = (4, 6, 8, 12, 16, 22)
 STEPS = (1.2, 1.0, 0.5)
 FINE = 0.25
 SCHEMES = ("semi_implicit_euler", "verlet", "rk4")
+#: Steps in s of the co-rotating scheme, which renews light and heat in each of them.
+COROTATING = (20e-6, 40e-6, 80e-6, 160e-6)
 INTERVALS = (1, 4, 16, 64)
 ELASTICITY = ("triangles", "van_gelder", "lattice")
 TIMES = np.linspace(0.0, DURATION, 401)
@@ -101,6 +103,9 @@ def settings(step: float) -> Iterator[tuple[str, str, dict[str, Any]]]:
         yield "time step", f"{0.8 * share:.2g} of the bound", {"time_step_s": share * step}
     for scheme in SCHEMES:
         yield "scheme", scheme, {"integrator": scheme}
+    for size in COROTATING:
+        ones = dict.fromkeys(("optics_every", "heat_every", "series_every"), 1)
+        yield "scheme", f"corotating, {size * 1e6:g} µs", {"integrator": "corotating", "time_step_s": size, **ones}
     for every in INTERVALS:
         yield "optics every", f"{every} steps", {"optics_every": every}
     for every in INTERVALS:
