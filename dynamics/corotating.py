@@ -10,7 +10,7 @@ from scipy.sparse.linalg import eigsh
 
 from dynamics.dissection import factorise, solution_space
 from dynamics.kernels.corotating import Carrier, CarrierWork
-from dynamics.kernels.step import Model
+from dynamics.kernels.flown import Model
 from dynamics.lattice import Floats, cotangents, highest_frequency, over_edges, per_triangle, sheet_matrix
 from dynamics.mesh import Mesh
 from dynamics.scene import Scene, plan

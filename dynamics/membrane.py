@@ -27,12 +27,8 @@ from dynamics.command import stage_arguments
 from dynamics.corotating import carrier_work
 from dynamics.flight import Frame, series, write_flight
 from dynamics.journal import Journal, leaves, numbers_digest
-<<<<<<< HEAD
-from dynamics.kernels import failure, properties, record, sheet, tearing
-from dynamics.kernels.crew import assist
-=======
 from dynamics.kernels import carried, failure, properties, record, sheet, tearing
->>>>>>> dbdf7e0 (Flexible flight of spinning flat sails in semi-implicit steps at the membrane's slow scale)
+from dynamics.kernels.crew import assist
 from dynamics.kernels.elastic import REFERENCE_TEMPERATURE
 from dynamics.kernels.flown import Work
 from dynamics.kernels.integrators import State
@@ -81,14 +77,11 @@ class Flight:
         self.work: Work = work_space(
             self.model, scene.flight.on_failure, self.membrane.lattice.conductance_shares, threads
         )
-<<<<<<< HEAD
         # What a later run needs, which may have another number of threads
         self._kept = self.work._replace(stencil=kept(self.work.stencil))
         self._others = ThreadPoolExecutor(threads)
-=======
         self.carrier = self.membrane.carrier
         self.carrying = None if self.carrier is None else carrier_work(self.carrier, self.model)
->>>>>>> dbdf7e0 (Flexible flight of spinning flat sails in semi-implicit steps at the membrane's slow scale)
         self.step, self.fresh = 0, True
         self._wall, self._watch, self._saved = 0.0, Stopwatch(), Stopwatch()
         n = self.model.masses.size
@@ -107,11 +100,7 @@ class Flight:
 
     def resume(self) -> bool:
         """Go on from the checkpoint in the journal's folder, if there is one of this very flight."""
-<<<<<<< HEAD
-        counters = self.journal.restore(self._fingerprint, self.state, self._kept)
-=======
         counters = self.journal.restore(self._fingerprint, *self._trees())
->>>>>>> dbdf7e0 (Flexible flight of spinning flat sails in semi-implicit steps at the membrane's slow scale)
         if counters is not None:
             self.step, self.fresh, self._wall = int(counters["step"]), bool(counters["fresh"]), counters["wall"]
         return counters is not None
@@ -119,11 +108,7 @@ class Flight:
     def checkpoint(self) -> None:
         """Save the state from which `resume` goes on."""
         counters = {"step": self.step, "fresh": self.fresh, "wall": self.wall_seconds}
-<<<<<<< HEAD
-        self.journal.save(self._fingerprint, counters, self.state, self._kept)
-=======
         self.journal.save(self._fingerprint, counters, *self._trees())
->>>>>>> dbdf7e0 (Flexible flight of spinning flat sails in semi-implicit steps at the membrane's slow scale)
         self._saved = Stopwatch()
 
     def fly(self) -> End:
@@ -160,38 +145,30 @@ class Flight:
         return None
 
     def _run(self, start: int, stop: int, fresh: bool) -> tuple[int, int, int]:
-<<<<<<< HEAD
-        """`step.run`, with the other threads at its side."""
+        """Steps from start to stop, with the other threads at their side: failure code, step reached, rows written."""
         work, model = self.work, self.model
         work.stencil.scratch.board[:] = 0
         others = [
             self._others.submit(assist, model.stencil, work.stencil, model.light, work.light, work.ahead, thread)
             for thread in range(1, work.stencil.scratch.bad.size)
         ]
-        found = run(model, self.state, work, start, stop, fresh, self._rows)
+        if self.carrier is None:
+            found = run(model, self.state, work, start, stop, fresh, self._rows)
+        else:
+            found = carried.run(
+                model, self.carrier, self.state, work, self.carrying, start, stop, fresh, self._rows
+            )
         for other in others:
             other.result()
         return found
 
-    def _arrays(self) -> Iterator[tuple[str, Any]]:
-        yield from leaves(self.state)
-        yield from leaves(self._kept)
-=======
-        """Steps from start to stop, by the scheme that flies: failure code, step reached, rows written."""
-        if self.carrier is None:
-            return run(self.model, self.state, self.work, start, stop, fresh, self._rows)
-        return carried.run(
-            self.model, self.carrier, self.state, self.work, self.carrying, start, stop, fresh, self._rows
-        )
-
     def _trees(self) -> list[Any]:
         """All that changes as the sail flies."""
-        return [self.state, self.work, *([self.carrying] if self.carrying is not None else [])]
+        return [self.state, self._kept, *([self.carrying] if self.carrying is not None else [])]
 
     def _arrays(self) -> Iterator[tuple[str, Any]]:
         for tree in self._trees():
             yield from leaves(tree)
->>>>>>> dbdf7e0 (Flexible flight of spinning flat sails in semi-implicit steps at the membrane's slow scale)
 
     def _stop(self) -> int:
         """The step up to which the next kernel call goes."""

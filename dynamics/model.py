@@ -67,12 +67,8 @@ class Membrane:
     effects: Plan
     mesh: Mesh
     lattice: Lattice
-<<<<<<< HEAD
     model: flown.Model
-=======
-    model: step.Model
     carrier: Carrier | None = None
->>>>>>> dbdf7e0 (Flexible flight of spinning flat sails in semi-implicit steps at the membrane's slow scale)
 
     @property
     def elastic_triangles(self) -> bool:

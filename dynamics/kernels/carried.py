@@ -9,11 +9,13 @@ import numba
 from dynamics.kernels import failure
 from dynamics.kernels.beam import ramp_integral
 from dynamics.kernels.corotating import Carrier, CarrierWork, beyond, soften, soften_released
+from dynamics.kernels.crew import dismiss
 from dynamics.kernels.elastic import Floats
+from dynamics.kernels.flown import Model, Work
 from dynamics.kernels.integrators import VERLET, State, accumulate, advance, copy
 from dynamics.kernels.optical import Light
 from dynamics.kernels.spin import SpinUp, kick
-from dynamics.kernels.step import Model, Work, evaluate, write_row
+from dynamics.kernels.step import evaluate, warm_up, write_row
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -89,7 +91,11 @@ def _step(
                 accumulate(state.x, model.dt, state.v)
             when = _ramp_time(model.light, t if fresh else t - 0.5 * model.dt, t + 0.5 * model.dt)
         heating = model.warm and k == pieces - 1
-        code = evaluate(model, work, state.x, state.v, state.temperature, when, True, model.warm and k == 0, heating)
+        code = failure.INTACT
+        if model.warm and k == 0:
+            code = warm_up(model, work, state.x, state.temperature, when)
+        if code == failure.INTACT:
+            code = evaluate(model, work, state.x, state.v, state.temperature, when, True, heating)
         if code != failure.INTACT:
             return code
         if spinning_up and not fresh:
@@ -99,23 +105,20 @@ def _step(
     return failure.INTACT if spinning_up else _carry(model, carrier, state, work, own, fresh)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def run(
     model: Model, carrier: Carrier, state: State, work: Work, own: CarrierWork, n: int, stop: int, fresh: bool,
     rows: Floats,
 ) -> tuple[int, int, int]:
     """As `dynamics.kernels.step.run`, with the steps of this scheme."""
-    written = 0
-    while fresh or n < stop:
+    written, code = 0, failure.INTACT
+    while code == failure.INTACT and (fresh or n < stop):
         code = _step(model, carrier, state, work, own, n, fresh)
         n += 0 if fresh else 1
-        if code != failure.INTACT:
-            return code, n, written
         due = (n - model.release) % model.series_every == 0 or n == model.end
-        if due and (fresh or n != model.release):
+        if code == failure.INTACT and due and (fresh or n != model.release):
             code = write_row(model, state, work, n, rows[written])
             written += 1
-            if code != failure.INTACT:
-                return code, n, written
         fresh = False
-    return failure.INTACT, n, written
+    dismiss(work.stencil.scratch.board)
+    return code, n, written

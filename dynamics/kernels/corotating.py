@@ -22,9 +22,9 @@ import numpy as np
 
 from dynamics.kernels.dissection import Factor, Solution, solve
 from dynamics.kernels.elastic import Floats, Indices, Springs
+from dynamics.kernels.flown import Model
 from dynamics.kernels.integrators import copy
 from dynamics.kernels.record import centre
-from dynamics.kernels.step import Model
 
 #: Passes that find the velocity half a step before a release: each errs by the one before times the angle of turn.
 PASSES = 8

@@ -66,7 +66,7 @@ def _light_up(model: Model, work: Work, x: Floats, v: Floats, temperature: Float
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _warm_up(model: Model, work: Work, x: Floats, temperature: Floats, t: float) -> int:
+def warm_up(model: Model, work: Work, x: Floats, temperature: Floats, t: float) -> int:
     """Free lengths at new temperatures; INTACT, THERMAL or NON_FINITE."""
     sheet.grow(model.sheet, model.triangles.corners, temperature, work.sheet.free)
     properties.grow(
@@ -251,7 +251,7 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int)
         temperature = work.stage.temperature if not last and model.heat.every == 1 else state.temperature
         t = (now - model.release) * dt if last else (n - model.release + (1.0 if k == 2 else 0.5)) * dt
         if warmed:
-            code = _warm_up(model, work, x, temperature, t)
+            code = warm_up(model, work, x, temperature, t)
             if code != failure.INTACT:
                 return code, now
         if not fresh and most > 1:
