@@ -23,7 +23,8 @@ from dynamics.kernels.stencil import Pace, Scratch, Stencil, StencilWork
 TICKET, TASK, SOURCE, DONE = 0, 8, 9, 16
 LEAVE, SWEEP, RESPOND = range(3)
 BOARD, ORDERS = 24, 4
-_PATIENCE = 200  # looks at the board before others are let on the core
+#: Looks at the board, some hundred microseconds, before another process is let on the core: that may take milliseconds.
+_PATIENCE = 200_000
 
 
 def _place(context: Any, builder: Any, signature: Any, args: Any) -> Any:
