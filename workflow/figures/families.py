@@ -46,7 +46,7 @@ def draw_search(screened: pd.DataFrame) -> Figure:
     )
     figure.colorbar(points, ax=cloud, label=f"{label(colour)} ({colour.rsplit('_', 1)[-1]})")
     cloud.plot(1e3 * base["thrust_N"], base["margin_1_s"], "*", color=RED, ms=15, mec="white", label="published design")
-    cloud.plot(1e3 * best["thrust_N"], best["margin_1_s"], "D", color=ORANGE, mec="black", label="best at its thrust")
+    cloud.plot(1e3 * best["thrust_N"], best["margin_1_s"], "D", color=ORANGE, mec="black", label="best members")
     cloud.set(xlabel="thrust (mN)", ylabel="margin (1/s)")
     share = len(stable) / (screened["verdict"] != "impossible").sum()
     cloud.set_title(f"{len(screened) - 1} members, {share:.0%} marginally stable")
