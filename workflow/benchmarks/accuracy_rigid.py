@@ -131,10 +131,10 @@ def draw(path: Path, found: list[Row], title: str) -> None:
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(14, 4.5), constrained_layout=True)
     for knob, mark in (("tolerance", "o-"), ("quadrature", "s-")):
         chosen = [row for row in found if row.knob == knob and row.error_trajectory_1s > 0]
-        left.loglog([row.seconds for row in chosen], [row.error_trajectory_1s for row in chosen], mark, label=knob)
-        for row in chosen:
+        left.semilogy([row.seconds for row in chosen], [row.error_trajectory_1s for row in chosen], mark, label=knob)
+        for k, row in enumerate(chosen):
             place = (row.seconds, row.error_trajectory_1s)
-            left.annotate(row.setting, place, fontsize=6, xytext=(4, 2), textcoords="offset points")
+            left.annotate(row.setting, place, fontsize=6, xytext=(4, 4 - 11 * (k % 2)), textcoords="offset points")
     left.set(xlabel="CPU time of 1 s of flight (s)", ylabel="error across the beam at 1 s (m)", title=title)
     left.legend()
     spaced = [row for row in found if row.knob == "spacing"]
@@ -151,6 +151,7 @@ def draw(path: Path, found: list[Row], title: str) -> None:
     right.bar(at + 0.2, [row.error_multiplier for row in tables], 0.4, label="multipliers")
     right.set_xticks(at, [row.setting for row in tables], rotation=20)
     right.set(yscale="log", title="difference from the first tables")
+    right.set_ylim(top=6.0 * right.get_ylim()[1])
     right.legend(loc="upper left")
     with atomic(path) as temporary:
         figure.savefig(temporary, format="png", dpi=150)
