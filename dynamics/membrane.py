@@ -28,7 +28,7 @@ from dynamics.corotating import carrier_work
 from dynamics.flight import Frame, series, write_flight
 from dynamics.journal import Journal, leaves, numbers_digest
 from dynamics.kernels import carried, failure, properties, record, sheet, tearing
-from dynamics.kernels.crew import assist
+from dynamics.kernels.crew import assist, dismiss
 from dynamics.kernels.elastic import REFERENCE_TEMPERATURE
 from dynamics.kernels.flown import Work
 from dynamics.kernels.integrators import State
@@ -80,6 +80,10 @@ class Flight:
         # What a later run needs, which may have another number of threads
         self._kept = self.work._replace(stencil=kept(self.work.stencil))
         self._others = ThreadPoolExecutor(threads)
+        if threads > 1:
+            # Compiled here, where it may fail: the first thread would wait without end for one that never starts
+            dismiss(self.work.stencil.scratch.board)
+            self._assist(1)
         self.carrier = self.membrane.carrier
         self.carrying = None if self.carrier is None else carrier_work(self.carrier, self.model)
         self.step, self.fresh = 0, True
@@ -146,21 +150,28 @@ class Flight:
 
     def _run(self, start: int, stop: int, fresh: bool) -> tuple[int, int, int]:
         """Steps from start to stop, with the other threads at their side: failure code, step reached, rows written."""
-        work, model = self.work, self.model
-        work.stencil.scratch.board[:] = 0
-        others = [
-            self._others.submit(assist, model.stencil, work.stencil, model.light, work.light, work.ahead, thread)
-            for thread in range(1, work.stencil.scratch.bad.size)
-        ]
-        if self.carrier is None:
-            found = run(model, self.state, work, start, stop, fresh, self._rows)
-        else:
-            found = carried.run(
-                model, self.carrier, self.state, work, self.carrying, start, stop, fresh, self._rows
-            )
+        work, model, board = self.work, self.model, self.work.stencil.scratch.board
+        board[:] = 0
+        try:
+            others = [self._others.submit(self._assist, k) for k in range(1, work.stencil.scratch.bad.size)]
+            if self.carrier is None:
+                found = run(model, self.state, work, start, stop, fresh, self._rows)
+            else:
+                found = carried.run(
+                    model, self.carrier, self.state, work, self.carrying, start, stop, fresh, self._rows
+                )
+        except BaseException:
+            # The others would wait for work, and the process for them, without end
+            dismiss(board)
+            raise
         for other in others:
             other.result()
         return found
+
+    def _assist(self, thread: int) -> None:
+        """What one of the other threads does during a kernel call."""
+        work, model = self.work, self.model
+        assist(model.stencil, work.stencil, model.light, work.light, work.ahead, thread)
 
     def _trees(self) -> list[Any]:
         """All that changes as the sail flies."""

@@ -109,7 +109,9 @@ def scratch_space(stencil: Stencil, regions: int, lit: bool, threads: int) -> Sc
     x = aligned(2, 3, p)
     x[:, 0], x[:, 2] = np.arange(p), FAR
     done = np.cumsum(np.add.reduceat(stencil.width.astype(float), np.arange(0, stencil.start.size, BAND)))
-    shares = [0, *(int(np.argmin(np.abs(done - done[-1] * j / threads))) + 1 for j in range(1, threads)), bands]
+    ends = [int(np.argmin(np.abs(done - done[-1] * j / threads))) + 1 for j in range(1, threads)]
+    # A thread looks at the row before its own: on sails of few bands it is the first threads that have none
+    shares = [0, *(min(end, bands - 1) for end in ends), bands]
     return Scratch(
         x=x, v=aligned(2, 3, p), acceleration=aligned(3, p),
         corners=aligned(threads, 3, f, 3, 3, across) if lit or not springs else aligned(0, 0, 0, 0, 0, 0),

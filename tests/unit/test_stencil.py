@@ -1,11 +1,15 @@
 """The stencil gives the forces that lists of neighbours give, on every outline and for every kind of element."""
 
+import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from dynamics import membrane
 from dynamics.kernels import optical, sheet, stencil, triangles
+from dynamics.kernels.crew import dismiss
 from dynamics.membrane import Flight
 from dynamics.shapes import lattice_points
 from tests.membranes import dark, edge_forces, film, small, stencil_forces
@@ -105,3 +109,33 @@ def test_several_steps_at_once_are_the_same_steps_to_the_bit(tmp_path: Path, sti
         ends.append([array.copy() for array in flight.state])
     for other in ends[1:]:
         assert all(np.array_equal(a, b) for a, b in zip(ends[0], other, strict=True))
+
+
+@pytest.mark.parametrize("rings", [1, 2, 3, 4, 8])
+def test_sails_with_fewer_bands_than_threads_fly_alike(tmp_path: Path, rings: int):
+    ends = []
+    for threads in (1, 2, 5):
+        scene = dark(rings, sail={"sectors": film()}, beam={"intensity_W_m2": 1e9, "radius_m": 1.0})
+        flight = Flight(scene, {}, tmp_path / str(threads), threads)
+        flight.step = flight.model.release
+        flight.state.x[2] += 0.01 * flight.state.x[0]
+        flight._run(flight.step, flight.step + 20, True)
+        ends.append([array.copy() for array in flight.state])
+    for other in ends[1:]:
+        assert all(np.array_equal(a, b) for a, b in zip(ends[0], other, strict=True))
+
+
+def test_no_thread_waits_on_when_the_first_is_interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    flight = Flight(dark(), {}, tmp_path, 2)
+    monkeypatch.setattr(membrane, "run", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        flight.advance()
+    end = threading.Thread(target=flight._others.shutdown)
+    end.start()
+    end.join(10.0)
+    waits = end.is_alive()
+    dismiss(flight.work.stencil.scratch.board)
+    assert not waits
