@@ -122,6 +122,8 @@ def test_a_sail_that_bends_too_much_for_the_scheme_ends_the_flight():
         ("flight", {"optics_every": 4}, "flight.optics_every"),
         ("flight", {"heat_every": 4}, "flight.heat_every"),
         ("flight", {"time_step_s": 3e-4}, "flight.time_step_s"),
+        ("beam", {"rise_s": 0.0}, "beam.rise_s"),
+        ("beam", {"polarisation": "turning", "polarisation_Hz": 1.0}, "beam.polarisation"),
     ],
 )
 def test_what_it_does_not_fly_is_refused_by_name(tmp_path: Path, group: str, change: dict[str, Any], field: str):
