@@ -70,7 +70,7 @@ class Scratch(NamedTuple):
     3, f, 3, 3, w): forces on the corners of the triangles of two rows, and zeros; ends (threads, 3, k, 3, w): of edges,
     on their first end. push, force (threads, 3, w): of the light and on nodes. bands (b, 3): the light's force on the
     rows of a band in N. bad (threads,): how many elements failed. shares (threads + 1,): the bands of each thread.
-    found (threads, s, 2): see `optical.respond`. board, orders: see `crew`.
+    found (threads, s, 4): see `optical.respond`. board, orders: see `crew`.
     """
 
     x: Floats
