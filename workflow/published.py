@@ -27,6 +27,7 @@ Quantity = Literal[
 ]
 Outcome = Literal[
     "rides the beam", "leaves the beam", "swings wider and wider", "tips over", "collapses", "tears",
+    "falls to pieces",
 ]
 
 

@@ -18,7 +18,7 @@ NARROW = 0.5
 #: in the last one, and the share of the beam's radius that it then gets at least.
 WIDER, FAR = 2.0, 1e-2
 #: End reasons that have an event of their own, or none.
-_KNOWN = ("finished", "fly_away", "tensile_failure", "thermal_failure", "left_table")
+_KNOWN = ("finished", "fly_away", "tensile_failure", "thermal_failure", "left_table", "broken")
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,8 @@ def events(flown: Flown) -> dict[str, float]:
         found["tears"] = float(flown.end["end_time"])
     if reason == "left_table":
         found["tips over"] = float(flown.end["end_time"])
+    if reason == "broken":
+        found["falls to pieces"] = float(flown.end["end_time"])
     if reason not in _KNOWN:
         found[f"ends ({reason})"] = float(flown.end["end_time"])
     return dict(sorted(found.items(), key=lambda item: item[1]))
