@@ -21,9 +21,6 @@ TURN, MOST_TURN = 1 / 150, 1 / 40
 #: How much stiffer than the tension of the spin the scheme takes the sail across its plane; how much of it is for
 #: tensions along one side of a triangle that come with less strain along its edges.
 STIFFER, SPARE = 4.0, 1.5
-#: Shortest rise of the beam in s: the mean light of a step is that of a time during the rise, which must be told from
-#: its begin and end.
-LEAST_RISE = 1e-9
 #: Share of the stability bound that the explicit steps of the spin-up take.
 EXPLICIT = 0.8
 #: Share of Δt² K beside M; ¼ is stable for waves in one direction, the double also where slopes couple two of them.
@@ -54,15 +51,6 @@ def _check(scene: Scene) -> None:
     ):
         if value != allowed:
             raise InputError(f"{scene.name}.yaml: {key} = {value!r}: must be {allowed!r} with integrator: corotating")
-    if effects["light"].on and scene.beam.rise_s < LEAST_RISE:
-        raise InputError(
-            f"{scene.name}.yaml: beam.rise_s = {scene.beam.rise_s:g}: must be at least {LEAST_RISE:g} s with "
-            "integrator: corotating"
-        )
-    if effects["light"].on and scene.beam.polarisation == "turning":
-        raise InputError(
-            f"{scene.name}.yaml: beam.polarisation = 'turning': must be 'sail' or 'lab' with integrator: corotating"
-        )
     if scene.release.spin_Hz == 0:
         raise InputError(f"{scene.name}.yaml: release.spin_Hz = 0: must not be 0 with integrator: corotating")
 

@@ -42,3 +42,10 @@ def ramp_integral(t: float, delay: float, rise: float, on: float) -> float:
         return s - 0.5 * rise
     late = s - rise - on
     return 0.5 * rise + on + 0.5 * (late + rise / math.pi * math.sin(math.pi * late / rise))
+
+
+@numba.njit(cache=True)
+def mean_ramp(begin: float, end: float, delay: float, rise: float, on: float) -> float:
+    """Mean of `ramp` from `begin` to a later `end`, in s."""
+    let_through = ramp_integral(end, delay, rise, on) - ramp_integral(begin, delay, rise, on)
+    return min(max(let_through / (end - begin), 0.0), 1.0)

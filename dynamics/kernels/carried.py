@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import math
-
 import numba
 
 from dynamics.kernels import failure
-from dynamics.kernels.beam import ramp_integral
+from dynamics.kernels.beam import mean_ramp
 from dynamics.kernels.corotating import Carrier, CarrierWork, beyond, soften, soften_released
 from dynamics.kernels.crew import dismiss
 from dynamics.kernels.elastic import Floats
 from dynamics.kernels.flown import Model, Work
 from dynamics.kernels.integrators import VERLET, State, accumulate, advance, copy
-from dynamics.kernels.optical import Light
 from dynamics.kernels.spin import SpinUp, kick
-from dynamics.kernels.step import evaluate, warm_up, write_row
+from dynamics.kernels.step import evaluate, warm_up, write_due
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _ramp_time(light: Light, begin: float, end: float) -> float:
-    """A time in s at which the ramp has its mean value between two times: it may rise within a small part of a step."""
-    whole = ramp_integral(end, light.delay, light.rise, light.on) - ramp_integral(
-        begin, light.delay, light.rise, light.on
-    )
-    mean = min(max(whole / (end - begin), 0.0), 1.0)
-    return light.delay + light.rise * math.acos(1.0 - 2.0 * mean) / math.pi
+def _gain(model: Model, begin: float, end: float) -> float:
+    """Mean share of the beam's full intensity from `begin` to `end` in s: it may rise within a small part of a step."""
+    return mean_ramp(begin, end, model.light.delay, model.light.rise, model.light.on) if model.lit else 0.0
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -80,7 +73,7 @@ def _step(
     if model.warm and not fresh:
         _warm(model, state, work, own)
     pieces = carrier.substeps if spinning_up and not fresh else 1
-    t = ((n if fresh else n + 1) - model.release) * model.dt
+    t, gain = ((n if fresh else n + 1) - model.release) * model.dt, 0.0
     for k in range(pieces):
         when = t
         if spinning_up and not fresh:
@@ -89,13 +82,13 @@ def _step(
             if not fresh:
                 _act(model, work, state)
                 accumulate(state.x, model.dt, state.v)
-            when = _ramp_time(model.light, t if fresh else t - 0.5 * model.dt, t + 0.5 * model.dt)
+            gain = _gain(model, t if fresh else t - 0.5 * model.dt, t + 0.5 * model.dt)
         heating = model.warm and k == pieces - 1
         code = failure.INTACT
         if model.warm and k == 0:
             code = warm_up(model, work, state.x, state.temperature, when)
         if code == failure.INTACT:
-            code = evaluate(model, work, state.x, state.v, state.temperature, when, True, heating)
+            code = evaluate(model, work, state.x, state.v, state.temperature, when, gain, True, heating)
         if code != failure.INTACT:
             return code
         if spinning_up and not fresh:
@@ -115,10 +108,8 @@ def run(
     while code == failure.INTACT and (fresh or n < stop):
         code = _step(model, carrier, state, work, own, n, fresh)
         n += 0 if fresh else 1
-        due = (n - model.release) % model.series_every == 0 or n == model.end
-        if code == failure.INTACT and due and (fresh or n != model.release):
-            code = write_row(model, state, work, n, rows[written])
-            written += 1
+        if code == failure.INTACT:
+            code, written = write_due(model, state, work, n, fresh, rows, written)
         fresh = False
     dismiss(work.stencil.scratch.board)
     return code, n, written

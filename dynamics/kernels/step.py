@@ -133,15 +133,21 @@ def _finite(x: Floats) -> bool:
 
 
 @numba.njit(cache=True, error_model="numpy")
+def gain_at(model: Model, t: float) -> float:
+    """Share of the beam's full intensity at time t in s."""
+    return ramp(t, model.light.delay, model.light.rise, model.light.on) if model.lit else 0.0
+
+
+@numba.njit(cache=True, error_model="numpy")
 def evaluate(
-    model: Model, work: Work, x: Floats, v: Floats, temperature: Floats, t: float, renew: bool, heating: bool
+    model: Model, work: Work, x: Floats, v: Floats, temperature: Floats, t: float, gain: float, renew: bool,
+    heating: bool,
 ) -> int:
     """Acceleration and heating rate at x, v (3, n), temperature (n,) and time t in s; a failure code.
 
-    renew: update the held light; heating: update the heating rate.
+    gain: share of the beam's full intensity; renew: update the held light; heating: update the heating rate.
     """
-    gain, light = ramp(t, model.light.delay, model.light.rise, model.light.on) if model.lit else 0.0, failure.INTACT
-    work.gain[0] = gain
+    work.gain[0], light = gain, failure.INTACT
     if renew or gain == 0.0:
         work.flags[0] = 0
     if gain > 0.0 and work.flags[0] == 0 and _finite(x):
@@ -210,9 +216,7 @@ def _glide(model: Model, state: State, work: Work, n: int, most: int) -> int:
     stencil.lay(place, state.x, space.scratch.x[0])
     stencil.lay(place, state.v, space.scratch.v[0])
     for k in range(most):
-        t, gain = (n + k - model.release) * model.dt, 0.0
-        if model.lit:
-            gain = ramp(t, model.light.delay, model.light.rise, model.light.on)
+        gain = gain_at(model, (n + k - model.release) * model.dt)
         pace = Pace(True, half, model.dt - half, model.dt, gain / 3.0)
         if gain != work.gain[0] or sweep_all(model.stencil, space, source, pace) > 0:
             break
@@ -259,7 +263,7 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int)
             t, heating = (now - model.release) * dt, model.warm and (now - model.release) % model.heat.every == 0
         renew = fresh or (last and (now - model.release) % model.optics_every == 0)
         v = state.v if last else work.stage.v
-        code = evaluate(model, work, x, v, temperature, t, renew, heating)
+        code = evaluate(model, work, x, v, temperature, t, gain_at(model, t), renew, heating)
         if code != failure.INTACT:
             return code, now
     if integrator == VERLET and not fresh:
@@ -301,6 +305,20 @@ def write_row(model: Model, state: State, work: Work, n: int, row: Floats) -> in
     return failure.FLY_AWAY if math.hypot(row[1], row[2]) > model.fly_away else failure.INTACT
 
 
+@numba.njit(cache=True, error_model="numpy")
+def write_due(
+    model: Model, state: State, work: Work, n: int, fresh: bool, rows: Floats, written: int
+) -> tuple[int, int]:
+    """A row about the state at step n after the `written` ones, if one is due; (failure code, rows written).
+
+    At the release it is due once: `fresh`, with the light on.
+    """
+    due = (n - model.release) % model.series_every == 0 or n == model.end
+    if not due or (n == model.release and not fresh):
+        return failure.INTACT, written
+    return write_row(model, state, work, n, rows[written]), written + 1
+
+
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def run(
     model: Model, state: State, work: Work, n: int, stop: int, fresh: bool, rows: Floats
@@ -314,10 +332,8 @@ def run(
     written, code = 0, failure.INTACT
     while code == failure.INTACT and (fresh or n < stop):
         code, n = step(model, state, work, n, fresh, free_run(model, n, stop))
-        due = (n - model.release) % model.series_every == 0 or n == model.end
-        if code == failure.INTACT and due and (fresh or n != model.release):
-            code = write_row(model, state, work, n, rows[written])
-            written += 1
+        if code == failure.INTACT:
+            code, written = write_due(model, state, work, n, fresh, rows, written)
         fresh = False
     dismiss(work.stencil.scratch.board)
     return code, n, written

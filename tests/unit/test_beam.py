@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynamics import beam
-from dynamics.kernels.beam import ramp, ramp_integral
+from dynamics.kernels.beam import mean_ramp, ramp, ramp_integral
 from dynamics.scene import Beam
 
 LASER = Beam(intensity_W_m2=1e9, radius_m=0.4, delay_s=0.1, rise_s=0.02, on_s=0.5)
@@ -55,3 +55,11 @@ def test_light_let_through_is_the_integral_of_the_ramp():
     shares = np.array([ramp(x, delay, rise, on) for x in t])
     sums = np.concatenate([[0.0], np.cumsum(0.5 * (shares[1:] + shares[:-1]) * np.diff(t))])
     assert np.abs([ramp_integral(x, delay, rise, on) for x in t] - sums).max() < 1e-8
+
+
+def test_the_mean_of_a_ramp_is_exact_where_it_does_not_change_or_jumps():
+    for rise in (0.0, 1e-15, 0.02):
+        assert [mean_ramp(a, a + 1e-4, 0.1, rise, 0.5) for a in (0.0, 0.0999, 0.7)] == [0.0, 0.0, 0.0]
+        assert mean_ramp(0.3, 0.3001, 0.1, rise, 0.5) == pytest.approx(1.0, abs=1e-11)
+    assert mean_ramp(0.0, 0.4, 0.1, 0.0, 0.5) == pytest.approx(0.75, rel=1e-14)
+    assert mean_ramp(0.5, 0.7, 0.1, 0.0, 0.5) == pytest.approx(0.5, rel=1e-14)
