@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
+from typing import Any
 
 # The list of published flights lies beside this folder
 sys.path.append(str(Path(__file__).parents[1]))
@@ -38,32 +40,62 @@ ROWS = {"temperature_max": ("temperature (K)", 1.0), "temperature_mean": ("tempe
         "strain_max": ("largest strain (%)", 100.0)}
 
 
+#: Units of the published numbers in words.
+UNITS = {"largest distance from the axis": " m", "largest tilt": "°", "peak temperature": " K",
+         "highest temperature of the coldest point": " K", "speed at the end": " m/s"}
+
+
+def _optics(source: str, flown: Flown) -> str:
+    """What the light does to the sail, in words: only gratings have tables of several sources."""
+    solvers = {table["solver"] for table in json.loads(flown.end["tables"]).values()}
+    if not solvers:
+        return "constant reflectance"
+    return "thin film" if solvers == {"thin_film"} else f"{source} tables"
+
+
+def _unwrapped(angle: Floats) -> Floats:
+    """Degrees with a gap where they pass from 180° to −180°."""
+    return np.where(np.abs(np.diff(angle, prepend=angle[0])) > 180, np.nan, angle)
+
+
 def _thin(series: dict[str, Floats]) -> dict[str, Floats]:
     every = max(1, series["time"].size // POINTS)
     return {name: values[::every] for name, values in series.items()}
 
 
+def _legend(axes: Axes, columns: int) -> None:
+    """Above the panel, where it hides nothing."""
+    handles, labels = axes.get_legend_handles_labels()
+    style: dict[str, Any] = {"frameon": False, "handlelength": 1.5, "columnspacing": 1.0, "borderaxespad": 0.1}
+    axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0, 1), ncols=columns, **style)
+
+
 def _path(axes: Axes, flights: dict[str, Flown], rigid: dict[str, Floats] | None) -> None:
     if rigid is not None:
-        axes.plot(*rigid["position"][:, :2].T * 100, color=GREY, lw=0.8, label="rigid", rasterized=True)
+        flown = rigid["time"] <= max(flight.series["time"][-1] for flight in flights.values())
+        axes.plot(*rigid["position"][flown, :2].T * 100, color=GREY, lw=0.8, label="rigid", rasterized=True)
     for name, flight in flights.items():
         position = _thin(flight.released)["position"] * 100
-        axes.plot(*position[:, :2].T, color=COLOURS[name], lw=0.8, label=f"flexible, {name} tables", rasterized=True)
+        label = f"flexible, {_optics(name, flight)}"
+        axes.plot(*position[:, :2].T, color=COLOURS[name], lw=0.8, label=label, rasterized=True)
         axes.plot(*position[:1, :2].T, "k+", ms=9)
     axes.plot(0, 0, "x", color="magenta")
     axes.set(xlabel="x (cm)", ylabel="y (cm)", aspect="equal")
     axes.set_adjustable("datalim")
-    axes.legend()
+    _legend(axes, 1)
 
 
 def _distance(axes: Axes, flights: dict[str, Flown]) -> None:
+    """The distance of each flight; x and y, too, where there is but one."""
     for name, flight in flights.items():
         series = _thin(flight.released)
         x, y = series["position"][:, :2].T * 100
-        for values, style, label in ((np.hypot(x, y), "-", "r"), (x, "--", "x"), (y, ":", "y")):
-            axes.plot(series["time"], values, style, color=COLOURS[name], lw=0.8, label=label, rasterized=True)
+        curves = [("r" if len(flights) == 1 else f"r, {name} tables", np.hypot(x, y), COLOURS[name], 1.6)]
+        curves += [("x", x, GREEN, 0.8), ("y", y, PURPLE, 0.8)] if len(flights) == 1 else []
+        for label, values, colour, width in curves:
+            axes.plot(series["time"], values, color=colour, lw=width, label=label, rasterized=True)
     axes.set(xlabel="time since release (s)", ylabel="from the beam's axis (cm)")
-    axes.legend(*(part[:3] for part in axes.get_legend_handles_labels()), ncols=3)
+    _legend(axes, 3 if len(flights) == 1 else 1)
 
 
 def _speed(axes: Axes, flights: dict[str, Flown]) -> None:
@@ -77,24 +109,38 @@ def _series(axes: Axes, label: str, columns: Columns, flights: dict[str, Flown])
     for i, (name, flight) in enumerate(flights.items()):
         series = _thin(flight.released)
         for column, factor, colour in columns:
-            axes.plot(series["time"], series[column] * factor, "-" if i == 0 else "--", color=colour or COLOURS[name],
-                      lw=0.8, label=column.removeprefix("temperature_") if len(columns) > 1 else None, rasterized=True)
+            values = series[column] * factor
+            values = _unwrapped(values) if "°" in label else values
+            style: dict[str, Any] = {"ls": "-", "alpha": 1.0} if i == 0 else {"ls": "--", "alpha": 0.7}
+            shown = column.removeprefix("temperature_") if len(columns) > 1 and i == 0 else None
+            axes.plot(series["time"], values, color=colour or COLOURS[name], lw=0.8, label=shown, rasterized=True, **style)
     axes.set(xlabel="time since release (s)", ylabel=label)
     if len(columns) > 1:
-        axes.legend(*(part[: len(columns)] for part in axes.get_legend_handles_labels()))
+        if len(flights) > 1:
+            axes.plot([], [], "--", color=GREY, label=f"{list(flights)[1]} tables")
+        _legend(axes, 2 if len(flights) > 1 else len(columns))
 
 
-def _paper(panels: dict[str, Axes], expected: list[Expected]) -> None:
-    """Published numbers: lines for peaks, circles for values at a time."""
+def _paper(panels: dict[str, Axes], expected: list[Expected]) -> bool:
+    """Published numbers, if there are any: lines for peaks, circles for values at a time."""
+    drawn = False
     for entry in expected:
         if not isinstance(entry.paper, float):
             continue
         if entry.at_s is None and entry.quantity in PEAKS:
             label, factor = PEAKS[entry.quantity]
             panels[label].axhline(entry.paper * factor, color="black", ls="--", lw=0.8)
+            drawn = True
         elif entry.at_s is not None and entry.quantity in ROWS:
             label, factor = ROWS[entry.quantity]
             panels[label].plot(entry.at_s, entry.paper * factor, "ko", ms=4, mfc="none")
+            drawn = True
+    return drawn
+
+
+def _digits(value: float) -> str:
+    """Three digits, never as a power of ten."""
+    return f"{float(f'{value:.3g}'):.10g}"
 
 
 def _sail(axes: Axes3D, snapshot: Snapshot, low: float, high: float, reach: float) -> Poly3DCollection:
@@ -109,7 +155,8 @@ def _sail(axes: Axes3D, snapshot: Snapshot, low: float, high: float, reach: floa
     axes.set_box_aspect((1, 1, 1), zoom=1.25)
     axes.view_init(elev=18, azim=-60)
     x, y, z = snapshot.points.mean(axis=0)
-    axes.set_title(f"{snapshot.time:.3g} s at ({x * 100:.2g}, {y * 100:.2g}) cm, {round(z, 6) + 0.0:.3g} m", fontsize=8)
+    where = ", ".join(_digits(round(100 * value, 1) + 0.0) for value in (x, y))
+    axes.set_title(f"{snapshot.time:.3g} s at ({where}) cm, {_digits(round(z, 6) + 0.0)} m", fontsize=8)
     return faces
 
 
@@ -120,17 +167,27 @@ def _sails(figure: Figure, row: int, path: Path) -> None:
     every = [figure.add_subplot(3, 4, 4 * row + 1 + i, projection="3d") for i in range(len(sails))]
     for axes, sail in zip(every, sails, strict=True):
         faces = _sail(axes, sail, temperature.min(), max(temperature.max(), temperature.min() + 1.0), reach)
-    figure.colorbar(faces, ax=every, label="temperature (K)", shrink=0.8)
+    figure.colorbar(faces, ax=every, label=f"temperature (K); boxes {_digits(2 * reach)} cm wide", shrink=0.8)
+
+
+def _published(entry: Expected) -> str:
+    """A published quantity in words, with its unit."""
+    if entry.quantity == "largest strain" and isinstance(entry.paper, float):
+        return f"largest strain: {100 * entry.paper:g} %"
+    value = f"{entry.paper:g}" if isinstance(entry.paper, float) else entry.paper
+    return f"{entry.quantity}: {value}{UNITS.get(entry.quantity, '')}"
 
 
 def _notes(axes: Axes, flights: dict[str, Flown], published: PublishedFlight) -> None:
     """In words: what became of each flight, and what the paper says."""
     lines = [
-        f"{published.figure}, {flight.scene.sail.rings} rings, {source} tables:\n" + outcome(flight).replace(", ", "\n")
+        f"{published.figure}, {flight.scene.sail.rings} rings, {_optics(source, flight)}:\n"
+        + outcome(flight).replace(", ", "\n")
         for source, flight in flights.items()
     ]
-    says = [f"{entry.quantity}: {entry.paper}" for entry in published.expected if entry.at_s is None]
-    axes.text(0, 1, "\n\n".join([*lines, *(["\n".join(["paper:", *says])] if says else [])]), va="top", fontsize=9)
+    says = [_published(entry) for entry in published.expected if entry.at_s is None]
+    text = "\n\n".join([*lines, *(["\n".join(["paper:", *says])] if says else [])])
+    axes.text(-0.1, 1, text, va="top", fontsize=8.5).set_in_layout(False)
     axes.set_axis_off()
 
 
@@ -148,10 +205,10 @@ def draw(name: str, paths: dict[str, Path], rigid: dict[str, Floats] | None) -> 
         panels[label] = figure.add_subplot(3, 4, 5 + i)
         _series(panels[label], label, columns, flights)
     published = read_published()[name]
-    _paper(panels, published.expected)
+    shown = _paper(panels, published.expected)
     _notes(notes, flights, published)
     _sails(figure, 2, next(iter(paths.values())))
-    figure.suptitle(f"{name} · black dashes and circles: published numbers")
+    figure.suptitle(f"{name} · black dashes and circles: published numbers" if shown else name)
     return figure
 
 
