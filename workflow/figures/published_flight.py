@@ -113,7 +113,8 @@ def _series(axes: Axes, label: str, columns: Columns, flights: dict[str, Flown])
             values = _unwrapped(values) if "°" in label else values
             style: dict[str, Any] = {"ls": "-", "alpha": 1.0} if i == 0 else {"ls": "--", "alpha": 0.7}
             shown = column.removeprefix("temperature_") if len(columns) > 1 and i == 0 else None
-            axes.plot(series["time"], values, color=colour or COLOURS[name], lw=0.8, label=shown, rasterized=True, **style)
+            style |= {"color": colour or COLOURS[name], "label": shown}
+            axes.plot(series["time"], values, lw=0.8, rasterized=True, **style)
     axes.set(xlabel="time since release (s)", ylabel=label)
     if len(columns) > 1:
         if len(flights) > 1:
