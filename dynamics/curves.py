@@ -8,7 +8,8 @@ from dynamics.kernels.properties import Curve, Curves
 from dynamics.lattice import Floats, cotangents, per_triangle
 from dynamics.materials import Changing, Material
 from dynamics.mesh import Mesh
-from dynamics.scene import Effect, Scene
+from dynamics.plan import Effect
+from dynamics.scene import Scene
 from optics.files import InputError
 
 NONE = Curve(np.empty(0, np.int64), np.zeros(1, np.int64), np.empty(0), np.empty(0), np.empty(0))

@@ -13,7 +13,8 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.linalg import eigsh
 
 from dynamics.mesh import Floats, Integers, Mesh
-from dynamics.scene import Flight, Sail
+from dynamics.sail_parts import Sail
+from dynamics.scene import Flight
 
 
 def per_triangle(sail: Sail, mesh: Mesh, quantity: str) -> Floats:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from dynamics.command import stage_arguments
 from dynamics.regions import directions, region_of
-from dynamics.scene import Sail, read_scene
+from dynamics.sail_parts import Sail
+from dynamics.scene import read_scene
 from dynamics.shapes import reference_node, shape_nodes, shape_triangles
 from optics.files import run_stage
 

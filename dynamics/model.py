@@ -39,8 +39,9 @@ from dynamics.lattice import (
 )
 from dynamics.mesh import Integers, Mesh, sail_mesh
 from dynamics.mesh_checks import check_mesh
+from dynamics.plan import Effect, plan
 from dynamics.regions import directions
-from dynamics.scene import Effect, Scene, plan
+from dynamics.scene import Scene
 from dynamics.stencil import layout, with_springs
 from dynamics.time_step import check_heat, damped_share
 from optics.files import InputError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.scene import Grid, Sail, Sector
+from dynamics.sail_parts import Grid, Sail, Sector
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -1,161 +1,19 @@
-"""The scene file: what is flown, and which effects that calls for.
+"""The scene file: what is flown, and how; `dynamics.sail_parts` is about the sail, `dynamics.plan` about effects.
 
-The model below is the one source of every scene parameter, its unit, range and default. Defaults are correct physics;
+These models are the one source of every scene parameter, its unit, range and default. Defaults are correct physics;
 choices that only serve to reproduce published runs are marked "published".
 """
 
 from __future__ import annotations
 
-import itertools
-import math
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from dynamics.command import stage_arguments
-from dynamics.materials import MATERIALS, Material
-from dynamics.shapes import rim_slope
+from dynamics.sail_parts import Fraction, Sail
 from optics.files import InputError, Name, NonNegative, Pair, Positive, Strict, read_model, run_stage, write_json
-
-Fraction = Annotated[float, Field(ge=0, le=1)]
-Angle = Annotated[float, Field(ge=0, lt=360)]
-
-
-class Region(Strict):
-    """A part of the sail of one material, thickness and optical response.
-
-    The optical response is either a pressure table of `design`, or constant `reflectance` and the material's
-    absorptance. thickness_m: instead of the material's. `g` is the direction across the ridges (for a film it only
-    labels the axes): fixed in the body's x and y, or 'radial' (outward), 'tangential' (counter-clockwise seen from +z)
-    or the negatives of these, in each triangle projected into its plane.
-    """
-
-    material: str | Material
-    thickness_m: Positive | None = None
-    design: Name | None = None
-    reflectance: Fraction | None = None
-    g: Pair | Literal["radial", "-radial", "tangential", "-tangential"] = [1.0, 0.0]
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Region:
-        if isinstance(self.material, str) and self.material not in MATERIALS:
-            raise ValueError(f"material = '{self.material}': must be one of {', '.join(MATERIALS)}, or given in full")
-        if (self.design is None) == (self.reflectance is None):
-            raise ValueError("give either design (a pressure table) or reflectance (constant), not both")
-        if not isinstance(self.g, str) and not math.isclose(math.hypot(*self.g), 1.0, rel_tol=1e-9):
-            raise ValueError(f"g = {self.g}: must be a unit vector")
-        return self
-
-    @property
-    def properties(self) -> Material:
-        """The region's material, at the region's thickness."""
-        material = MATERIALS[self.material] if isinstance(self.material, str) else self.material
-        return material if self.thickness_m is None else material.model_copy(update={"thickness_m": self.thickness_m})
-
-
-    @property
-    def fixed(self) -> Pair | None:
-        """The direction across the ridges in the body's x and y, None where it differs from place to place."""
-        return None if isinstance(self.g, str) else self.g
-
-
-class Sector(Region):
-    """A region from its starting polar angle to the start of the next sector."""
-
-    from_deg: Angle
-
-
-def _ascending(sectors: list[Sector]) -> None:
-    starts = [sector.from_deg for sector in sectors]
-    if any(b <= a for a, b in itertools.pairwise(starts)):
-        raise ValueError(f"sectors: from_deg must ascend, not {starts}")
-
-
-class Rim(Strict):
-    """Sectors of their own from a distance from the axis on, instead of those within."""
-
-    from_m: Positive
-    sectors: Annotated[list[Sector], Field(min_length=1)]
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Rim:
-        _ascending(self.sectors)
-        return self
-
-
-class Grid(Strict):
-    """Regions in cells between ascending cuts in x and y, laid over the sectors: a row for each interval of y.
-
-    A row has one entry more than there are cuts in x; null leaves a cell to the sectors.
-    """
-
-    x_m: list[float] = []
-    y_m: list[float] = []
-    regions: list[list[Region | None]]
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Grid:
-        for name, cuts in (("x_m", self.x_m), ("y_m", self.y_m)):
-            if any(b <= a for a, b in itertools.pairwise(cuts)):
-                raise ValueError(f"{name}: cuts must ascend, not {cuts}")
-        rows, columns = len(self.y_m) + 1, len(self.x_m) + 1
-        if [len(row) for row in self.regions] != [columns] * rows:
-            raise ValueError(f"regions: must be {rows} rows (intervals of y) of {columns} entries (intervals of x)")
-        return self
-
-
-class Sail(Strict):
-    """The shape of a sail, its mesh of `rings` rings turned by `rotation_deg` about z, and its regions.
-
-    radius_m: of the disc, centre to corner of the hexagon, half the width of the square; of curved sails that along
-    the slope, more or less, unless `rescale` stretches the shape until its rim has that radius. depth: setting α, for
-    curved profiles only, apex downstream; negative turns the sail round. surface: on polygons the nodes lie on the
-    surface of revolution ('smooth') or rings are plane ('faceted').
-    """
-
-    outline: Literal["round", "hexagonal", "square"] = "round"
-    profile: Literal["flat", "paraboloid", "cone", "sphere"] = "flat"
-    surface: Literal["smooth", "faceted"] = "smooth"
-    depth: Annotated[float, Field(ge=-100, le=100)] | None = None
-    rescale: bool = False
-    radius_m: Positive
-    rings: Annotated[int, Field(ge=1, le=1000)]
-    rotation_deg: float = 0.0
-    sectors: Annotated[list[Sector], Field(min_length=1)]
-    rim: Rim | None = None
-    grid: Grid | None = None
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Sail:
-        _ascending(self.sectors)
-        if (self.depth is None) != (self.profile == "flat"):
-            raise ValueError("depth: must be given for curved profiles, and for them only")
-        if self.profile == "sphere" and not 0 < abs(self.depth or 0.0) <= 0.8:
-            raise ValueError(f"depth = {self.depth}: must be from -0.8 to 0.8 and not 0 for a sphere")
-        return self
-
-    @property
-    def regions(self) -> list[Region]:
-        """All regions: the sectors, those of the rim, those of the grid row by row."""
-        rim = self.rim.sectors if self.rim is not None else []
-        rows = self.grid.regions if self.grid is not None else []
-        return [*self.sectors, *rim, *(region for row in rows for region in row if region is not None)]
-
-    @property
-    def beyond_rigid(self) -> str | None:
-        """What keeps the sail from the rigid model, which flies flat round sails of sectors; None if nothing does."""
-        for name, plain in (("outline", "round"), ("profile", "flat"), ("rim", None), ("grid", None)):
-            value = getattr(self, name)
-            if value != plain:
-                return f"{name} = '{value}'" if isinstance(value, str) else name
-        special = [f"sectors.{i}.g = '{s.g}'" for i, s in enumerate(self.sectors) if isinstance(s.g, str)]
-        return special[0] if special else None
-
-    @property
-    def designs(self) -> list[str]:
-        """Names of the designs whose pressure tables the sail needs, in order of first use."""
-        return list(dict.fromkeys(s.design for s in self.regions if s.design))
 
 
 class Beam(Strict):
@@ -266,12 +124,6 @@ class Reflections(Strict):
     polarisation: Literal["mean", "tracked"] = "mean"
 
 
-EFFECTS = (
-    "light", "reflections", "spin_up", "absorption", "emission", "conduction", "expansion", "damping",
-    "tensile_failure", "thermal_failure",
-)
-
-
 class Effects(Strict):
     """Overrides of the derived plan: true, false, or null to let the scene decide."""
 
@@ -323,13 +175,6 @@ class Scene(Strict):
         return self
 
 
-class Effect(Strict):
-    """One line of the plan: is the effect computed, and why."""
-
-    on: bool
-    reason: str
-
-
 def read_scene(path: str | Path) -> Scene:
     """The scene in a YAML file; InputError names the file, the field and what is allowed."""
     scene = read_model(path, Scene)
@@ -338,66 +183,10 @@ def read_scene(path: str | Path) -> Scene:
     return scene
 
 
-def _reflections(scene: Scene, lit: bool) -> Effect:
-    """Whether light along the axis can meet the sail twice.
-
-    Off a slope s it leaves at 2s from where it came; the rest of the sail lies at most by the steepest slope S above
-    the horizon, so 3S > 90° is needed, and a tilt adds to S.
-    """
-    steep = math.degrees(rim_slope(scene.sail)) + math.hypot(scene.release.pitch_deg, scene.release.roll_deg)
-    bright = any(region.design or region.reflectance for region in scene.sail.regions)
-    if not (lit and bright):
-        return Effect(on=False, reason="nothing reflects light")
-    if scene.reflections.polarisation == "tracked":
-        return Effect(on=True, reason="the light's polarisation is tracked, from its first hit on")
-    if scene.sail.profile == "flat":
-        return Effect(on=False, reason="a flat sail does not reflect onto itself")
-    if steep <= 30.0:
-        return Effect(on=False, reason=f"slopes of {steep:.3g}°, up to 30° no light meets the sail twice")
-    return Effect(on=True, reason=f"slopes of {steep:.3g}°, above 30°, and reflecting")
-
-
-def _derived(scene: Scene) -> dict[str, Effect]:
-    materials = [region.properties for region in scene.sail.regions]
-    lit = scene.beam.intensity_W_m2 > 0
-    heated = lit and (scene.absorptance == "table" or any(m.highest("absorptance") > 0 for m in materials))
-    emits = any(m.highest("emissivity_front") + m.highest("emissivity_back") > 0 for m in materials)
-    spins = scene.release.spin_Hz != 0
-    conducts = any(m.highest("conductivity_W_mK") > 0 for m in materials)
-    expansion = scene.flight.expansion_1_K
-    expands = expansion != 0 if expansion is not None else any(m.highest("expansion_1_K") > 0 for m in materials)
-    damps = any(m.damping_s > 0 for m in materials)
-    return {
-        "light": Effect(on=lit, reason=f"intensity {scene.beam.intensity_W_m2:g} W/m²"),
-        "reflections": _reflections(scene, lit),
-        "spin_up": Effect(on=spins, reason=f"spin {scene.release.spin_Hz:g} Hz"),
-        "absorption": Effect(on=heated, reason="light on an absorber" if heated else "nothing absorbs light"),
-        "emission": Effect(on=emits, reason="emissivity above zero" if emits else "emissivity zero everywhere"),
-        "conduction": Effect(on=conducts, reason="conductivity above zero" if conducts else "no conductivity"),
-        "expansion": Effect(on=expands, reason="expansion coefficient given" if expands else "expansion zero"),
-        "damping": Effect(on=damps, reason="a material with damping" if damps else "no material has damping"),
-        "tensile_failure": Effect(on=True, reason="every material has a strength"),
-        "thermal_failure": Effect(on=True, reason="every material has a failure temperature"),
-    }
-
-
-def plan(scene: Scene) -> dict[str, Effect]:
-    """Which effects the flexible flight computes, each with its reason; `effects:` in the scene overrides."""
-    result = _derived(scene)
-    for name in EFFECTS:
-        override = getattr(scene.effects, name)
-        if override is not None:
-            result[name] = Effect(on=override, reason=f"effects.{name} in the scene")
-    needs_heat = ("conduction", "expansion", "thermal_failure")
-    if not (result["absorption"].on or result["emission"].on):
-        for name in needs_heat:
-            if getattr(scene.effects, name) is None:
-                result[name] = Effect(on=False, reason="no heat comes or goes: the temperature stays uniform")
-    return result
-
-
 def main() -> None:
     """Write which effects a scene calls for, each with its reason."""
+    from dynamics.plan import plan
+
     arguments = stage_arguments("dynamics.scene", main.__doc__, "JSON file to write", tables=False)
     effects = plan(read_scene(arguments.scene))
     write_json(arguments.out, {name: effect.model_dump() for name, effect in effects.items()})

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from dynamics.scene import Sail
+    from dynamics.sail_parts import Sail
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -9,7 +9,8 @@ import numpy as np
 from dynamics.kernels import thermal
 from dynamics.lattice import Floats, per_triangle
 from dynamics.mesh import Mesh
-from dynamics.scene import Effect, Scene
+from dynamics.plan import Effect
+from dynamics.scene import Scene
 from optics.files import InputError
 
 

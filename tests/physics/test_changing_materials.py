@@ -14,7 +14,8 @@ from dynamics.kernels import properties, thermal
 from dynamics.lattice import STABILITY, highest_frequency, lattice, sheet_matrix
 from dynamics.membrane import Flight, fly
 from dynamics.mesh import sail_mesh
-from dynamics.scene import Scene, plan
+from dynamics.plan import plan
+from dynamics.scene import Scene
 from optics.files import InputError
 from tests.membranes import altered, dark, film, steps
 

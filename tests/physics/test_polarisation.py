@@ -13,7 +13,7 @@ from dynamics.kernels import polarisation, reflections
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.kernels.record import COLUMNS
 from dynamics.membrane import Flight
-from dynamics.scene import plan
+from dynamics.plan import plan
 from optics.cells import ThinFilm
 from optics.files import InputError
 from optics.table import PressureTable

@@ -10,7 +10,7 @@ from dynamics.kernels import reflections, tree
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.kernels.record import COLUMNS
 from dynamics.membrane import Flight, fly
-from dynamics.scene import plan
+from dynamics.plan import plan
 from optics.cells import ThinFilm
 from optics.files import InputError
 from optics.thin_film import make_table, solve

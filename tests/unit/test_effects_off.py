@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from dynamics.membrane import Flight
-from dynamics.scene import EFFECTS, Scene
+from dynamics.plan import EFFECTS
+from dynamics.scene import Scene
 from tests.membranes import film, small, steps
 
 LIT = {"beam": {"radius_m": 1.0}, "flight": {"heat_every": 2, "optics_every": 2}}

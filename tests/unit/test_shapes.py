@@ -12,8 +12,10 @@ from dynamics import lattice, mesh_checks, shapes
 from dynamics.attitude import rotation_from_angles
 from dynamics.mesh import Mesh, sail_mesh
 from dynamics.model import build
+from dynamics.plan import plan
 from dynamics.sail import sail_shape
-from dynamics.scene import Sail, plan, read_scene
+from dynamics.sail_parts import Sail
+from dynamics.scene import read_scene
 from optics.files import InputError
 from tests.membranes import FIG6, altered
 
