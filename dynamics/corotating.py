@@ -13,7 +13,8 @@ from dynamics.kernels.corotating import Carrier, CarrierWork
 from dynamics.kernels.flown import Model
 from dynamics.lattice import Floats, cotangents, highest_frequency, over_edges, per_triangle, sheet_matrix
 from dynamics.mesh import Mesh
-from dynamics.scene import Scene, plan
+from dynamics.plan import plan
+from dynamics.scene import Scene
 from optics.files import InputError
 
 #: Turns of the sail in a step when the scene gives none, and the most.
@@ -38,6 +39,14 @@ def time_step(scene: Scene) -> float:
             f"corotating, a turn of {360 * MOST_TURN:g}° of the sail"
         )
     return given or float(f"{TURN / abs(scene.release.spin_Hz):.4e}")
+
+
+def chord_speed(scene: Scene, dt: float) -> float:
+    """Speed of nodes with which they go round at the rate of the spin Ω along chords, over that on their circles.
+
+    sin(Ω Δt)/(Ω Δt), the component along the circle of the chords' speed 2 r sin(Ω Δt/2)/Δt.
+    """
+    return float(np.sinc(2.0 * scene.release.spin_Hz * dt))
 
 
 def _check(scene: Scene) -> None:

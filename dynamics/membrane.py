@@ -24,7 +24,7 @@ import numpy as np
 
 from dynamics.attitude import rotation_from_angles
 from dynamics.command import stage_arguments
-from dynamics.corotating import carrier_work
+from dynamics.corotating import carrier_work, chord_speed
 from dynamics.flight import Frame, series, write_flight
 from dynamics.journal import Journal, leaves, numbers_digest
 from dynamics.kernels import carried, failure, properties, record, sheet, tearing
@@ -37,8 +37,9 @@ from dynamics.lattice import Floats
 from dynamics.mesh import sail_mesh
 from dynamics.mesh_checks import check_shadow
 from dynamics.model import Membrane, build
+from dynamics.plan import plan
 from dynamics.sail import check_release, load_tables, provenance, require_own_polarisation
-from dynamics.scene import Scene, plan, read_scene
+from dynamics.scene import Scene, read_scene
 from dynamics.stencil import kept
 from dynamics.work_space import initial_state, work_space
 from optics.compiled import digest
@@ -48,7 +49,7 @@ from optics.table import PressureTable
 #: Steps a kernel call: long against a call's cost, short against a checkpoint's interval.
 CHUNK = 512
 #: Part of the fingerprint of a checkpoint, as are the compiled sources: raise it when this module gives other numbers.
-SCHEMA = 3
+SCHEMA = 4
 REASONS = {
     failure.INTACT: "finished", failure.TENSILE: "tensile_failure", failure.THERMAL: "thermal_failure",
     failure.LEFT_TABLE: "left_table", failure.FLY_AWAY: "fly_away", failure.NON_FINITE: "non_finite",
@@ -278,7 +279,8 @@ def release(membrane: Membrane, state: State) -> None:
     """Bring the spinning sail to its place at t = 0, as a rigid body and at once.
 
     In this order: turn positions and velocities about z until the reference node is back at its azimuth (yaw 0); tilt
-    both by A_x(roll) A_y(pitch) about the origin, the spin axis with them; shift by the offset.
+    both by A_x(roll) A_y(pitch) about the origin, the spin axis with them; shift by the offset. In the co-rotating
+    scheme nodes go on along chords.
     """
     given = membrane.scene.release
     node, masses = membrane.mesh.reference_node, membrane.lattice.masses
@@ -288,6 +290,8 @@ def release(membrane: Membrane, state: State) -> None:
     tilt = rotation_from_angles(np.radians(given.roll_deg), np.radians(given.pitch_deg), yaw)
     state.x[...] = tilt @ state.x + np.array([*given.offset_m, 0.0])[:, None]
     state.v[...] = tilt @ state.v
+    if membrane.carrier is not None:
+        state.v[...] *= chord_speed(membrane.scene, membrane.model.dt)
 
 
 def check_tilt(scene: Scene) -> None:

@@ -87,6 +87,25 @@ def stencil_forces(flight: Flight, x: np.ndarray, gain: float = 0.0) -> tuple[np
     return found * m.masses, bad
 
 
+#: Nodal diameters and circles of drum modes.
+DRUM_MODES = [(1, 0), (2, 0), (3, 0), (0, 1), (1, 1), (2, 1)]
+
+
+def drum_mode(nodes: np.ndarray, diameters: int, circles: int) -> tuple[float, np.ndarray]:
+    """ω/Ω of a mode of a disc of `FILM` that spins at Ω, in the turning frame, and its two shapes (2, n) at nodes.
+
+    ω²/Ω² = ((m + 2n)(m + 2n + 2)(3 + ν) − m²(1 + 3ν))/8, m nodal diameters, n = 0 or 1 nodal circles (Lamb & Southwell,
+    Proc. R. Soc. A 99 (1921) 272). Mode (1, 0) is the tilt: ω = Ω.
+    """
+    k, poisson = diameters + 2 * circles, FILM["poisson"]
+    square = (k * (k + 2) * (3 + poisson) - diameters**2 * (1 + 3 * poisson)) / 8
+    r, angle = np.hypot(nodes[:, 0], nodes[:, 1]), np.arctan2(nodes[:, 1], nodes[:, 0])
+    r /= r.max()
+    a, b = 1.0, diameters + 2.0 * circles + 1.0
+    radial = r**diameters * (1.0 - circles * (b + a) / (diameters + 1.0) * r**2)
+    return float(np.sqrt(square)), radial * np.stack([np.cos(diameters * angle), np.sin(diameters * angle)])
+
+
 def tensions(flight: Flight, x: np.ndarray) -> np.ndarray:
     """Tension over length (e,) in N/m of the edges at nodes x (3, n): of springs, or 2 ∂U/∂q of triangles beside."""
     mesh, springs = flight.membrane.mesh, flight.model.springs

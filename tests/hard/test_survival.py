@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 
 from dynamics import flight, journal, membrane
+from dynamics.scene import Scene
 from tests import processes
 from tests.membranes import altered, small, write_inputs
 from tests.processes import error, full_at
@@ -29,6 +30,8 @@ from tests.synthetic import smooth_tables
 SCENE = small(rings=4, release={"spin_Hz": -120.0}, flight={
     "duration_s": 2e-3, "snapshot_every_s": 1e-4, "series_every": 4, "checkpoint_every_s": 1e-9, "optics_every": 1,
 })
+#: The same by the co-rotating scheme, whose work space is part of a checkpoint.
+CAROUSEL = altered(SCENE, flight={"integrator": "corotating", "heat_every": 1, "series_every": 1})
 
 
 def fly(arguments: list[str], prepare: Callable[[], object] = lambda: None) -> tuple[int, str]:
@@ -47,15 +50,18 @@ def numbers(path: Path) -> dict[str, bytes]:
     return {**found, **attributes}
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], float]:
+def uninterrupted(folder: Path, scene: Scene) -> tuple[dict[str, bytes], float]:
     """Numbers of the uninterrupted flight, and the seconds it took with the compiled code at hand."""
-    membrane.fly(altered(SCENE, flight={"duration_s": 1e-5}), smooth_tables())
-    folder = tmp_path_factory.mktemp("whole")
-    arguments = write_inputs(folder, SCENE)
+    membrane.fly(altered(scene, flight={"duration_s": 1e-5}), smooth_tables())
+    arguments = write_inputs(folder, scene)
     started = time.monotonic()
     assert fly(arguments)[0] == 0
     return numbers(folder / "out" / "flight.vtkhdf"), time.monotonic() - started
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], float]:
+    return uninterrupted(tmp_path_factory.mktemp("whole"), SCENE)
 
 
 def same(folder: Path, whole: tuple[dict[str, bytes], float]) -> bool:
@@ -67,9 +73,9 @@ def same(folder: Path, whole: tuple[dict[str, bytes], float]) -> bool:
 
 # kill -9
 
-def killed_at_random(folder: Path, seconds: float, kills: int, seed: int) -> int:
+def killed_at_random(folder: Path, scene: Scene, seconds: float, kills: int, seed: int) -> int:
     """Kill a flight at random moments until so many kills hit, then let it end; how many found a checkpoint."""
-    arguments, draw, hits, resumed = write_inputs(folder, SCENE), random.Random(seed), 0, 0
+    arguments, draw, hits, resumed = write_inputs(folder, scene), random.Random(seed), 0, 0
     for _ in range(10 * kills):
         if hits == kills:
             break
@@ -87,9 +93,16 @@ def killed_at_random(folder: Path, seconds: float, kills: int, seed: int) -> int
 
 
 def test_kills_at_random_moments_change_no_bit(tmp_path: Path, whole: tuple[dict[str, bytes], float]):
-    resumed = killed_at_random(tmp_path, whole[1], 6, 1)
+    resumed = killed_at_random(tmp_path, SCENE, whole[1], 6, 1)
     assert resumed >= 3
     assert same(tmp_path, whole)
+
+
+def test_kills_at_random_moments_change_no_bit_of_a_corotating_flight(tmp_path: Path):
+    turning = uninterrupted(tmp_path / "whole", CAROUSEL)
+    resumed = killed_at_random(tmp_path / "killed", CAROUSEL, turning[1], 4, 2)
+    assert resumed >= 2
+    assert same(tmp_path / "killed", turning)
 
 
 def die(*_: object) -> None:
