@@ -6,26 +6,22 @@
 The first 50 ms of a flight. Rings are compared with the finest mesh, tables with the first ones, all else with the same
 mesh at a quarter of the time step, light and heat renewed in every step. Errors are the largest over the flight: of the
 place across the beam, of the peak temperature, of the largest strain (relative). Seconds are CPU time of one core for a
-second of flight, spin-up included, without compilation.
+second of flight, its spin-up left out.
 """
 
 from __future__ import annotations
 
-import tempfile
-import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
-from flown_rows import Tables, write_flown
+from flown_rows import COROTATING, Run, Tables, changed, flown, write_flown
 
-from dynamics.membrane import Flight
 from dynamics.model import build
 from dynamics.scene import Scene
-from optics.files import InputError, atomic, progress, run_stage
+from optics.files import atomic, progress, run_stage
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
@@ -40,10 +36,9 @@ STEPS = (1.2, 1.0, 0.5)
 FINE = 0.25
 SCHEMES = ("semi_implicit_euler", "verlet", "rk4")
 #: Steps in s of the co-rotating scheme, which renews light and heat in each of them.
-COROTATING = (20e-6, 40e-6, 80e-6, 160e-6)
+SIZES = (20e-6, 40e-6, 80e-6, 160e-6)
 INTERVALS = (1, 4, 16, 64)
 ELASTICITY = ("triangles", "van_gelder", "lattice")
-TIMES = np.linspace(0.0, DURATION, 401)
 
 
 class Row(NamedTuple):
@@ -57,49 +52,20 @@ class Row(NamedTuple):
     seconds: float
 
 
-@dataclass(frozen=True)
-class Run:
-    """x, y (t, 2) in m and the peak temperature (t,) in K at TIMES, the largest strain, CPU seconds a second."""
-
-    path: np.ndarray
-    temperature: np.ndarray
-    strain: float
-    seconds: float
-
-    def row(self, knob: str, setting: str, best: Run) -> Row:
-        """The errors against the best flight."""
-        path = np.hypot(*(self.path - best.path).T).max()
-        temperature = np.abs(self.temperature - best.temperature).max()
-        return Row(knob, setting, path, temperature, abs(self.strain / best.strain - 1.0), self.seconds)
+def shortly(scene: Scene, rings: int, **flight: Any) -> Scene:
+    """The scene's first moments on another mesh, with other settings of the flight."""
+    return changed(scene, rings, DURATION, **{"series_every": 4, **flight})
 
 
-def changed(scene: Scene, rings: int, **flight: Any) -> Scene:
-    """The scene on another mesh, with other settings of the flight."""
-    settings = {"duration_s": DURATION, "snapshot_every_s": DURATION, "series_every": 4, **flight}
-    return scene.model_copy(update={
-        "sail": scene.sail.model_copy(update={"rings": rings}), "flight": scene.flight.model_copy(update=settings),
-    })
-
-
-def flown(scene: Scene, tables: Tables) -> Run:
-    """Fly; InputError where the flight ends before its time."""
-    with tempfile.TemporaryDirectory() as folder:
-        flight = Flight(scene, tables, Path(folder))
-        begin = time.process_time()
-        end = flight.fly()
-        seconds = time.process_time() - begin
-        series = {name: np.array(values) for name, (values, _) in flight.columns().items()}
-    if end.reason != "finished":
-        raise InputError(f"{scene.name}: ended by {end.reason} at {end.time:.4g} s; nothing to compare")
-    path = [np.interp(TIMES, series["time"], series["position"][:, i]) for i in (0, 1)]
-    temperature = np.interp(TIMES, series["time"], series["temperature_max"])
-    strain = series["strain_max"][series["time"] >= 0].max()
-    return Run(np.stack(path, axis=1), temperature, float(strain), seconds / DURATION)
+def row(run: Run, knob: str, setting: str, best: Run) -> Row:
+    """The errors against the best flight."""
+    errors = run.errors(best)
+    return Row(knob, setting, **{name: errors[name] for name in Row._fields if name in errors}, seconds=run.seconds)
 
 
 def corotating(size: float) -> dict[str, Any]:
     """What semi-implicit steps of that size in s change of the flight."""
-    return {"integrator": "corotating", "time_step_s": size, "optics_every": 1, "heat_every": 1, "series_every": 1}
+    return {**COROTATING, "time_step_s": size, "series_every": 1}
 
 
 def settings(step: float) -> Iterator[tuple[str, str, dict[str, Any]]]:
@@ -108,7 +74,7 @@ def settings(step: float) -> Iterator[tuple[str, str, dict[str, Any]]]:
         yield "time step", f"{0.8 * share:.2g} of the bound", {"time_step_s": share * step}
     for scheme in SCHEMES:
         yield "scheme", scheme, {"integrator": scheme}
-    for size in COROTATING:
+    for size in SIZES:
         yield "corotating", f"{size * 1e6:g} µs", corotating(size)
     for every in INTERVALS:
         yield "optics every", f"{every} steps", {"optics_every": every}
@@ -121,19 +87,19 @@ def settings(step: float) -> Iterator[tuple[str, str, dict[str, Any]]]:
 def rows(scene: Scene, sets: dict[str, Tables]) -> Iterator[Row]:
     """Every knob at every setting."""
     tables = next(iter(sets.values()))
-    for first in ({}, corotating(max(COROTATING))):
-        flown(changed(scene, 4, **first), tables)  # compiles
-    finest = flown(changed(scene, FINEST), tables)
+    for first in ({}, corotating(max(SIZES))):
+        flown(shortly(scene, 4, **first), tables)  # compiles
+    finest = flown(shortly(scene, FINEST), tables)
     for rings in progress(MESHES, "rings"):
-        yield flown(changed(scene, rings), tables).row("rings", str(rings), finest)
-    yield finest.row("rings", f"{FINEST}", finest)
-    step = build(changed(scene, RINGS), tables).model.dt
-    best = flown(changed(scene, RINGS, time_step_s=FINE * step, optics_every=1, heat_every=1), tables)
+        yield row(flown(shortly(scene, rings), tables), "rings", str(rings), finest)
+    yield row(finest, "rings", f"{FINEST}", finest)
+    step = build(shortly(scene, RINGS), tables).model.dt
+    best = flown(shortly(scene, RINGS, time_step_s=FINE * step, optics_every=1, heat_every=1), tables)
     for knob, setting, changes in progress(list(settings(step)), "knobs"):
-        yield flown(changed(scene, RINGS, **changes), tables).row(knob, setting, best)
-    default = flown(changed(scene, RINGS), tables)
+        yield row(flown(shortly(scene, RINGS, **changes), tables), knob, setting, best)
+    default = flown(shortly(scene, RINGS), tables)
     for name, other in list(sets.items())[1:]:
-        yield flown(changed(scene, RINGS), other).row("tables", name, default)
+        yield row(flown(shortly(scene, RINGS), other), "tables", name, default)
 
 
 def markdown(found: list[Row]) -> str:

@@ -4,109 +4,74 @@
 
 Flown are the first 20 ms. Errors are the largest after the release against half of the explicit step with light and
 heat renewed in every step: of the place across the beam, of the tilt (both angles), of the peak temperature, and of the
-largest strain of the whole flight. Seconds are CPU time of one core for a second of flight, its spin-up left out, the
-best of three, not a number where strain or slopes outgrow the scheme; `explicit` is the default: 0.8 of the stability
-bound, light and heat renewed every 16 steps.
+largest strain. Seconds are CPU time of one core for a second of flight, its spin-up left out, the best of three; where
+strain or slopes outgrow the scheme there are no numbers. `explicit` is the default: 0.8 of the stability bound, light
+and heat renewed every 16 steps.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import math
-import tempfile
-import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
+from flown_rows import COROTATING, BeyondScheme, Run, Tables, changed, flown
+from rows import write
 
-from dynamics.membrane import Flight
 from dynamics.model import build
 from dynamics.sail import load_tables
 from dynamics.scene import Scene, read_scene
-from optics.files import InputError, atomic, progress, run_stage
-from optics.table import PressureTable
-
-Tables = dict[str, PressureTable]
+from optics.files import progress, run_stage
 
 DURATION = 0.02
 RINGS = (10, 20, 30, 60)
 #: Steps of the co-rotating scheme in s.
 STEPS = (28e-6, 56e-6, 80e-6)
-TIMES = np.linspace(0.0, 0.99 * DURATION, 201)[1:]
-HELD = {"optics_every": 16, "heat_every": 16}
-RENEWED = {"optics_every": 1, "heat_every": 1}
+REPEATS = 3
+HELD = {"optics_every": 16, "heat_every": 16, "series_every": 32}
+RENEWED = {"optics_every": 1, "heat_every": 1, "series_every": 16}
 
 
-class Run(NamedTuple):
-    """Place across the beam (2, t) in m, tilt (2, t) in rad, peak temperature (t,) in K at TIMES; largest strain;
-    time step in s, CPU seconds a second of flight."""
+class Row(NamedTuple):
+    """A scheme on a mesh: time step in s, largest errors over the flight, CPU seconds a second of flight."""
 
-    path: np.ndarray
-    tilt: np.ndarray
-    temperature: np.ndarray
-    strain: float
-    step: float
-    seconds: float
-
-
-def changed(scene: Scene, rings: int, **flight: Any) -> Scene:
-    """The scene on another mesh, with other settings of the flight."""
-    settings = {"duration_s": DURATION, "snapshot_every_s": DURATION, **flight}
-    return scene.model_copy(update={
-        "sail": scene.sail.model_copy(update={"rings": rings}), "flight": scene.flight.model_copy(update=settings),
-    })
+    scheme: str
+    rings: int
+    step_s: float
+    error_path_m: float = math.nan
+    error_tilt: float = math.nan
+    error_temperature_K: float = math.nan
+    error_strain: float = math.nan
+    seconds: float = math.nan
 
 
-def flown(scene: Scene, tables: Tables) -> Run | None:
-    """Fly; None where the flight leaves what the scheme bears, InputError where it ends before its time otherwise."""
-    with tempfile.TemporaryDirectory() as folder:
-        flight, end = Flight(scene, tables, Path(folder)), None
-        while flight.step < flight.model.release:
-            flight.advance()
-        begin = time.process_time()
-        while flight.step < flight.model.end and end is None:
-            end = flight.advance()
-        seconds = time.process_time() - begin
-        columns = {name: np.array(values) for name, (values, _) in flight.columns().items()}
-    if end is not None and end.reason == "beyond_scheme":
-        return None
-    if end is not None:
-        raise InputError(f"{scene.name}: ended by {end.reason} at {end.time:.4g} s; nothing to compare")
-    series = {name: values[columns["time"] >= 0] for name, values in columns.items()}
-    at = {name: np.interp(TIMES, series["time"], series[name]) for name in ("pitch", "roll", "temperature_max")}
-    path = np.stack([np.interp(TIMES, series["time"], series["position"][:, i]) for i in (0, 1)])
-    strain = float(series["strain_max"].max())
-    return Run(
-        path, np.stack([at["pitch"], at["roll"]]), at["temperature_max"], strain, flight.model.dt, seconds / DURATION
-    )
+def schemes(step: float) -> Iterator[tuple[str, float, dict[str, Any]]]:
+    """Name, time step in s and settings of what is compared; `step`: the explicit one in s."""
+    yield "explicit", step, HELD
+    for size in STEPS:
+        yield "corotating", size, {**COROTATING, "series_every": 1}
 
 
 def best(scene: Scene, tables: Tables) -> Run | None:
-    """The fastest of three flights; None where they leave what the scheme bears."""
-    runs = [run for run in (flown(scene, tables) for _ in range(3)) if run is not None]
-    return min(runs, key=lambda run: run.seconds) if runs else None
+    """The fastest of several flights; None where they leave what the scheme bears."""
+    try:
+        return min((flown(scene, tables) for _ in range(REPEATS)), key=lambda run: run.seconds)
+    except BeyondScheme:
+        return None
 
 
-def rows(scene: Scene, tables: Tables, many: tuple[int, ...]) -> list[list[Any]]:
-    """A row for each scheme, rings and time step."""
-    found = []
+def rows(scene: Scene, tables: Tables, many: tuple[int, ...]) -> Iterator[Row]:
+    """A row for each mesh, scheme and time step."""
+    for first in ({}, COROTATING):
+        flown(changed(scene, 2, DURATION, **first), tables)  # compiles
     for rings in progress(many, "rings"):
-        step = build(changed(scene, rings), tables).model.dt
-        true = flown(changed(scene, rings, time_step_s=0.5 * step, series_every=16, **RENEWED), tables)
-        runs = {"explicit": best(changed(scene, rings, series_every=32, **HELD), tables)}
-        for size in STEPS:
-            fast = changed(scene, rings, integrator="corotating", time_step_s=size, series_every=2, **RENEWED)
-            runs[f"corotating {size * 1e6:.3g} µs"] = best(fast, tables)
-        for name, run in runs.items():
-            if run is None or true is None:
-                found.append([name, rings, *[math.nan] * 6])
-                continue
-            path = np.hypot(*(run.path - true.path)).max()
-            tilt, warmth = np.abs(run.tilt - true.tilt).max(), np.abs(run.temperature - true.temperature).max()
-            found.append([name, rings, run.step, path, tilt, warmth, run.strain / true.strain - 1.0, run.seconds])
-    return found
+        step = build(changed(scene, rings, DURATION), tables).model.dt
+        true = flown(changed(scene, rings, DURATION, time_step_s=0.5 * step, **RENEWED), tables)
+        for name, size, settings in schemes(step):
+            run = best(changed(scene, rings, DURATION, time_step_s=size, **settings), tables)
+            yield Row(name, rings, size, **({} if run is None else {**run.errors(true), "seconds": run.seconds}))
 
 
 def main() -> None:
@@ -118,13 +83,7 @@ def main() -> None:
     parser.add_argument("--out", required=True, type=Path, help="CSV to write")
     given = parser.parse_args()
     scene = read_scene(given.scene)
-    tables = load_tables(given.tables, scene)
-    flown(changed(scene, 2), tables)  # compiles
-    found = rows(scene, tables, tuple(given.rings))
-    errors = ["error_path_m", "error_tilt", "error_temperature_K", "error_strain"]
-    names = ["scheme", "rings", "step_s", *errors, "seconds"]
-    with atomic(given.out) as temporary, Path(temporary).open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([names, *found])
+    write(given.out, rows(scene, load_tables(given.tables, scene), tuple(given.rings)))
 
 
 if __name__ == "__main__":
