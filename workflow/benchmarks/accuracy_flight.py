@@ -11,6 +11,7 @@ second of flight, its spin-up left out.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -125,19 +126,22 @@ ERRORS = (
 
 
 def _panel(axes: Axes, points: list[tuple[float, float, str]]) -> None:
-    """Errors of one knob against time, (seconds, error, setting) each; a line where the settings are numbers."""
-    points.sort()
-    ordered = all(setting[0].isdigit() for _, _, setting in points)
-    seconds, errors = [point[0] for point in points], [point[1] for point in points]
-    axes.loglog(seconds, errors, "o-" if ordered else "o", linewidth=0.8, markersize=4)
-    side = {"textcoords": "offset points", "rotation_mode": "anchor", "ha": "center" if ordered else "left"}
-    for k, (x, y, setting) in enumerate(points):
-        up = 1 - 2 * (k % 2)
-        place = {"xytext": (0 if ordered else 4, 5 * up), "va": "bottom" if up > 0 else "top"}
-        text = setting.split()[0] if ordered else setting
-        axes.annotate(text, (x, y), rotation=0 if ordered else 20 * up, fontsize=8, **place, **side)
-    wider = 1.5 * max(1.0, 2.0 / np.sqrt(seconds[-1] / seconds[0]))
-    axes.set_xlim(seconds[0] / wider, seconds[-1] * wider * (1.0 if ordered else 1.5))
+    """Errors of one knob against time, (seconds, error, setting) each: a line with labels if settings are numbers."""
+    if all(setting[0].isdigit() for _, _, setting in points):
+        points = sorted(point for point in points if point[1] > 0.0)
+        axes.loglog([x for x, _, _ in points], [y for _, y, _ in points], "o-", linewidth=0.8, markersize=4)
+        for k, (x, y, setting) in enumerate(points):
+            up = 1 - 2 * (k % 2)
+            axes.annotate(
+                setting.split()[0], (x, y), xytext=(0, 5 * up), textcoords="offset points", ha="center",
+                va="bottom" if up > 0 else "top", fontsize=8,
+            )
+    else:
+        for (x, y, setting), marker in zip(points, itertools.cycle("os^vD"), strict=False):
+            axes.loglog(x, y or np.nan, marker, label=setting, markersize=5, linestyle="none")
+    seconds = [x for x, _, _ in points]
+    wider = 1.5 * max(1.0, 2.0 / np.sqrt(max(seconds) / min(seconds)))
+    axes.set_xlim(min(seconds) / wider, max(seconds) * wider)
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())
@@ -152,13 +156,13 @@ def draw(path: Path, found: list[Row], title: str) -> None:
     )
     for line, (name, factor, label) in zip(panels, ERRORS, strict=True):
         for axes, knob in zip(line, knobs, strict=True):
-            mine = [(row.seconds, getattr(row, name) * factor, row.setting) for row in found if row.knob == knob]
-            if points := [point for point in mine if point[1] > 0.0]:
-                _panel(axes, points)
+            _panel(axes, [(r.seconds, getattr(r, name) * factor, r.setting) for r in found if r.knob == knob])
         line[0].set(ylabel=f"error of the {label}")
         line[0].margins(y=0.15)
     for axes, knob in zip(panels[0], knobs, strict=True):
         axes.set_title(TITLES.get(knob, knob))
+        if axes.get_legend_handles_labels()[1]:
+            axes.legend(fontsize=8)
     figure.supxlabel("CPU time of one second of flight (s)")
     figure.suptitle(f"{title}, first {DURATION:g} s; {RINGS} rings but for the first column")
     with atomic(path) as temporary:
