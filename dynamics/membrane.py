@@ -33,6 +33,7 @@ from dynamics.kernels.elastic import REFERENCE_TEMPERATURE
 from dynamics.kernels.flown import Work
 from dynamics.kernels.integrators import State
 from dynamics.kernels.step import run
+from dynamics.kernels.triangles import Patch
 from dynamics.lattice import Floats
 from dynamics.mesh import sail_mesh
 from dynamics.mesh_checks import check_shadow
@@ -40,7 +41,7 @@ from dynamics.model import Membrane, build
 from dynamics.plan import plan
 from dynamics.sail import check_release, load_tables, provenance, require_own_polarisation
 from dynamics.scene import Scene, read_scene
-from dynamics.stencil import kept
+from dynamics.stencil import free_sides, kept
 from dynamics.work_space import initial_state, work_space
 from optics.compiled import digest
 from optics.files import InputError, Stopwatch, progress, run_stage, write_json
@@ -102,6 +103,13 @@ class Flight:
     def wall_seconds(self) -> float:
         """Wall time in s of this flight, over all its runs."""
         return self._wall + self._watch.seconds
+
+    @property
+    def memory(self) -> int:
+        """Bytes of all arrays of model, state and work space, but for the pressure tables; each array counts once."""
+        held = [found for part in (self.model, self.state, self.work) for found in leaves(part)]
+        arrays = [np.asarray(value) for name, value in held if not name.startswith("light.tables.")]
+        return sum({array.ctypes.data: array.nbytes for array in arrays if array.nbytes}.values())
 
     def resume(self) -> bool:
         """Go on from the checkpoint in the journal's folder, if there is one of this very flight."""
@@ -261,12 +269,15 @@ def strains(membrane: Membrane, points: Floats, temperature: Floats) -> Floats:
     mesh, model = membrane.mesh, membrane.model
     a, b = mesh.edges.T
     if membrane.elastic_triangles:
-        space = work_space(model).sheet
-        space.squares[:] = np.sum((points[b] - points[a]) ** 2, axis=1)
-        sheet.grow(model.sheet, model.triangles.corners, temperature, space.free)
-        properties.grow(model.curves.expansion, model.sheet, model.triangles.corners, temperature, space.free)
-        sheet.strain(model.sheet, space)
-        return np.array([sheet.principal(model.sheet, space, i)[0] for i in range(len(mesh.triangles))])
+        corners, free, t = model.triangles.corners, free_sides(model.stencil, model.sheet), len(mesh.triangles)
+        whole = sheet.SheetWork(model.sheet.modulus, model.sheet.shear, model.sheet.limit)
+        patch, found = Patch(np.empty((6, t)), np.empty((10, t)), np.empty((t, 4))), np.empty((2, t))
+        sheet.grow(model.sheet, model.stencil, corners, temperature, free)
+        properties.grow(model.curves.expansion, model.sheet, model.stencil, corners, temperature, free)
+        sheet.principal(
+            model.sheet, whole, model.stencil, free, corners, np.ascontiguousarray(points.T), patch, found
+        )
+        return np.asarray(found[0])
     free = mesh.lengths
     if model.springs.expansion.size:
         mean = 0.5 * (temperature[a] + temperature[b])

@@ -98,10 +98,12 @@ def _if(on: bool, values: Any) -> Floats:
 
 
 def _springs(mesh: Mesh, lat: Lattice, effects: Plan) -> elastic.Springs:
-    m = len(mesh.edges)
+    m, lists = len(mesh.edges), np.empty((0, 0), np.uint32)
+    if effects["damping"].on:
+        lists = slots(mesh.edges.ravel(), len(mesh.nodes), (np.arange(m)[:, None] + [0, m]).ravel(), 2 * m)
     return elastic.Springs(
-        start=unsigned(mesh.edges[:, 0]), end=unsigned(mesh.edges[:, 1]), stiffness=lat.stiffness, rest=mesh.lengths,
-        slots=slots(mesh.edges.ravel(), len(mesh.nodes), (np.arange(m)[:, None] + [0, m]).ravel(), 2 * m),
+        start=unsigned(mesh.edges[:, 0]), end=unsigned(mesh.edges[:, 1]), stiffness=lat.stiffness,
+        rest=_if(lat.stiffness.size > 0, mesh.lengths), slots=lists,
         stretch=_if(effects["tensile_failure"].on and lat.stiffness.size > 0, 1.0 + lat.limit_strain),
         expansion=_if(effects["expansion"].on and lat.stiffness.size > 0, lat.expansion),
     )
@@ -116,23 +118,22 @@ def _sheet(scene: Scene, mesh: Mesh, effects: Plan) -> sheet.Sheet:
     if scene.flight.expansion_1_K is not None:
         expansion = np.full(t, scene.flight.expansion_1_K)
     sides = mesh.triangle_edges.T.ravel()
-    lists = slots(sides, len(mesh.edges), np.arange(3 * t), 3 * t)
+    lists = np.empty((2, 0), np.uint32)
+    if on and (effects["damping"].on or scene.flight.on_failure == "remove"):
+        lists = slots(sides, len(mesh.edges), np.arange(3 * t), 3 * t)
     modulus = sheet_modulus(sail, mesh)
     return sheet.Sheet(
         sides=unsigned(sides if on else []), rest=_if(on, mesh.lengths[sides] ** 2),
         cotangent=_if(on, cotangents(mesh).T.ravel()), area=_if(on, 4.0 * mesh.areas), modulus=_if(on, modulus),
-        shear=_if(on, modulus * (1.0 - poisson)), poisson=_if(on, poisson), slots=lists if on else lists[:, :0],
+        shear=_if(on, modulus * (1.0 - poisson)), poisson=_if(on, poisson), slots=lists,
         limit=_if(on and effects["tensile_failure"].on, limit),
         expansion=_if(on and effects["expansion"].on, expansion),
     )
 
 
-def _triangles(scene: Scene, mesh: Mesh, warm: bool) -> triangles.Triangles:
-    t = len(mesh.triangles)
-    which = np.repeat(np.arange(t), 3)
-    lists = slots(mesh.triangles.ravel(), len(mesh.nodes), which, t)
+def _triangles(scene: Scene, mesh: Mesh) -> triangles.Triangles:
     return triangles.Triangles(
-        corners=unsigned(mesh.triangles.T), slots=lists if warm else lists[:, :0],
+        corners=unsigned(mesh.triangles.T),
         masses=per_triangle(scene.sail, mesh, "areal_mass") * mesh.areas,
     )
 
@@ -174,7 +175,9 @@ def _ranges(scene: Scene, mesh: Mesh) -> Integers:
     return np.stack([which, ends[:-1], ends[1:]], axis=1)
 
 
-def _light(scene: Scene, mesh: Mesh, tables: dict[str, PressureTable], effects: Plan) -> optical.Light:
+def _light(
+    scene: Scene, mesh: Mesh, corners: NDArray[np.uint32], tables: dict[str, PressureTable], effects: Plan
+) -> optical.Light:
     on = effects["light"].on
     regions, nearest = scene.sail.regions, scene.lookup == "nearest"
     absorptance = per_triangle(scene.sail, mesh, "absorptance")
@@ -182,9 +185,9 @@ def _light(scene: Scene, mesh: Mesh, tables: dict[str, PressureTable], effects: 
         absorptance = np.where(np.array([r.design is not None for r in regions])[mesh.sector], -1.0, absorptance)
     g = directions(mesh.nodes[mesh.triangles].mean(axis=1), mesh.sector, scene.sail).T[:2]
     return optical.Light(
-        corners=unsigned(mesh.triangles.T if on else mesh.triangles.T[:, :0]),
+        corners=corners if on else np.empty((3, 0), np.uint32),
         cos_across=_if(on, mesh.cos_across), sin_across=_if(on, mesh.sin_across),
-        rest_g=np.ascontiguousarray(g if scene.incidence == "yaw_blind" else g[:, :0]),
+        rest_g=np.array(g if scene.incidence == "yaw_blind" else g[:, :0], order="C"),
         absorptance=_if(on, absorptance),
         reflectance=_if(on, np.array([r.reflectance or 0.0 for r in regions])[mesh.sector]),
         tables=_tables([tables[design].arrays(nearest) for design in scene.sail.designs] if on else [], nearest),
@@ -204,7 +207,7 @@ def _polariser(
     return polarisation.Polariser(
         tracked=tracked, films=_tables(films, False), angle=math.radians(beam.polarisation_deg),
         rate=2.0 * math.pi * beam.polarisation_Hz,
-        arms=np.ascontiguousarray(arms if tracked and beam.polarisation == "sail" else arms[:, :0]),
+        arms=np.array(arms if tracked and beam.polarisation == "sail" else arms[:, :0], order="C"),
     )
 
 
@@ -290,14 +293,15 @@ def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
     check_heat(scene, mesh, heat, effects, 2.0 * dt if scene.flight.integrator == "corotating" else dt)
     spin_up = _spin_up(scene, effects, dt)
     release = max(spin_up.steps, 1)
-    springs, elements = _springs(mesh, lat, effects), _sheet(scene, mesh, effects)
+    springs, elements, parts = _springs(mesh, lat, effects), _sheet(scene, mesh, effects), _triangles(scene, mesh)
     model = flown.Model(
         springs=springs, sheet=elements,
         stencil=with_springs(layout(mesh, scene.sail.outline, scene.sail.rings, lat.masses), springs),
         retardation=_if(effects["damping"].on, per_triangle(scene.sail, mesh, "damping_s")),
-        triangles=_triangles(scene, mesh, is_warm(effects)),
-        masses=lat.masses, per_mass=1.0 / lat.masses, rest=np.ascontiguousarray(centred(mesh, lat.masses).T),
-        lit=effects["light"].on, light=_light(scene, mesh, tables, effects),
+        triangles=parts,
+        masses=lat.masses, per_mass=_if(effects["damping"].on, 1.0 / lat.masses),
+        rest=np.ascontiguousarray(centred(mesh, lat.masses).T),
+        lit=effects["light"].on, light=_light(scene, mesh, parts.corners, tables, effects),
         mirror=_mirror(scene, mesh, lat, tables, effects), warm=is_warm(effects),
         heat=heat, curves=build_curves(scene, mesh, effects, is_warm(effects)),
         spin_up=spin_up, integrator=INTEGRATORS[scene.flight.integrator], dt=dt, release=release,

@@ -93,7 +93,9 @@ def layout(mesh: Mesh, outline: str, rings: int, masses: Floats) -> Stencil:
 
 
 def with_springs(stencil: Stencil, springs: Springs) -> Stencil:
-    """A layout with its springs."""
+    """A layout with its springs, if there are any."""
+    if springs.stiffness.size == 0:
+        return stencil._replace(joins=np.empty(0, np.uint32))
     shape = (stencil.edges.ahead.shape[1], stencil.per_mass.size)
     stretch = springs.stretch if springs.stretch.size else np.full(springs.stiffness.size, NEVER)
     return stencil._replace(
@@ -101,8 +103,8 @@ def with_springs(stencil: Stencil, springs: Springs) -> Stencil:
     )
 
 
-def scratch_space(stencil: Stencil, regions: int, lit: bool, threads: int) -> Scratch:
-    """What lies between the passes over a row, for so many threads and a sail of `regions`."""
+def scratch_space(stencil: Stencil, lit: bool, patch: int, patches: int, threads: int) -> Scratch:
+    """What lies between the passes over a row, for so many threads, and patches of so many triangles."""
     across, p = int(stencil.width.max()) + 2 * _LINE, stencil.per_mass.size
     springs, bands = stencil.stiffness.size > 0, -(-stencil.start.size // BAND)
     f, k = stencil.triangles.ahead.shape[1], stencil.edges.ahead.shape[1]
@@ -117,9 +119,16 @@ def scratch_space(stencil: Stencil, regions: int, lit: bool, threads: int) -> Sc
         corners=aligned(threads, 3, f, 3, 3, across) if lit or not springs else aligned(0, 0, 0, 0, 0, 0),
         ends=aligned(threads, 3, k, 3, across) if springs else aligned(0, 0, 0, 0, 0),
         push=aligned(threads, 3, across if lit else 0), force=aligned(threads, 3, across), bands=aligned(bands, 3),
-        bad=np.zeros(threads, np.int64), shares=np.array(shares), found=np.zeros((threads, regions, 4), np.int64),
+        bad=np.zeros(threads, np.int64), shares=np.array(shares), found=np.zeros((threads, 2, 2), np.int64),
+        seen=np.zeros((threads, 2, 2)), sides=np.zeros((patches, 6, patch)), frame=np.zeros((patches, 10, patch)),
+        response=np.zeros((patches, patch, 4)),
         board=np.zeros(crew.BOARD, np.int64), orders=np.zeros(crew.ORDERS),
     )
+
+
+def free_sides(stencil: Stencil, sheet: Sheet) -> Floats:
+    """Squared free lengths (f, 3, p) in m² of cold triangles; empty where springs carry the load."""
+    return _fill(stencil.slots, sheet.rest, (stencil.triangles.ahead.shape[1], 3, stencil.per_mass.size))
 
 
 def stencil_work(stencil: Stencil, springs: Springs, sheet: Sheet, lit: bool, scratch: Scratch) -> StencilWork:
@@ -128,7 +137,7 @@ def stencil_work(stencil: Stencil, springs: Springs, sheet: Sheet, lit: bool, sc
     elastic = sheet.modulus.size > 0
     return StencilWork(
         lengths=_fill(stencil.joins, springs.rest[: springs.stiffness.size], (k, p), 1.0),
-        free=_fill(stencil.slots, sheet.rest, (f, 3, p)), scale=aligned(*((f, 3, p) if elastic else (0, 0, 0))),
+        free=free_sides(stencil, sheet), scale=aligned(*((f, 3, p) if elastic else (0, 0, 0))),
         shear=aligned(*((f, p) if elastic else (0, 0))), bound=_fill(stencil.cells, sheet.modulus, (f, p), NEVER),
         held=aligned(*((f, 3, p) if lit else (0, 0, 0))), scratch=scratch,
     )

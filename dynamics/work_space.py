@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from dynamics.kernels import damping, integrators, optical, reflections, sheet, tearing, thermal
@@ -13,6 +15,8 @@ from dynamics.stencil import scratch_space, stencil_work
 
 #: Shares of the conductance of a sail that is never torn.
 NONE = np.empty((0, 3))
+#: Triangles of a patch, which then fits into the first cache.
+PATCH = 256
 
 
 def initial_state(membrane: Membrane) -> integrators.State:
@@ -22,13 +26,17 @@ def initial_state(membrane: Membrane) -> integrators.State:
     return integrators.State(x, np.zeros_like(x), start if membrane.model.warm else start[:0], np.zeros(3))
 
 
-def _light_work(absorptance: Floats) -> optical.LightWork:
-    """Work space for triangles of an absorptance (t,), which is empty where there is no light."""
+def _own(values: Any, changes: bool) -> Any:
+    """Arrays to be changed in flight: copies, or, where nothing changes them, the model's own."""
+    return values.copy() if changes else values
+
+
+def _light_work(absorptance: Floats, changes: bool) -> optical.LightWork:
+    """Work space for triangles of an absorptance (t,), which is empty where there is no light; does it change."""
     t = absorptance.size
     return optical.LightWork(
-        frame=np.zeros((10, t)), q=np.zeros((t, 4)), held=np.zeros((3, t)), force=np.zeros((3, t + 1)),
-        incident=np.zeros(t + 1), absorbed=np.zeros(t + 1), outside=np.zeros(3, np.int64), direction=np.zeros(2),
-        total=np.zeros(3), absorptance=absorptance.copy(),
+        incident=np.zeros(t), absorbed=np.zeros(t), outside=np.zeros(3, np.int64), direction=np.zeros(2),
+        total=np.zeros(3), absorptance=_own(absorptance, changes),
     )
 
 
@@ -62,17 +70,19 @@ def work_space(
     """
     n, m, t = model.masses.size, model.springs.start.size, model.triangles.masses.size
     stages = n if model.integrator == integrators.RK4 else 0
+    fails, tears, curves = on_failure != "stop", on_failure == "remove", model.curves
     heat = thermal.HeatWork(
-        rate=np.zeros(n if model.warm else 0), emitting=np.zeros(t + 1 if model.heat.emission.size else 0),
-        flow=np.zeros(2 * m + 1 if model.heat.conductance.size else 0), emission=model.heat.emission.copy(),
-        conductance=model.heat.conductance.copy(), per_capacity=model.heat.per_capacity.copy(),
+        rate=np.zeros(n if model.warm else 0),
+        emission=_own(model.heat.emission, tears or curves.emission.region.size > 0),
+        conductance=_own(model.heat.conductance, tears or curves.conduction.region.size > 0),
+        per_capacity=_own(model.heat.per_capacity, curves.capacity.region.size > 0),
     )
-    elements = model.sheet.modulus.size
     elastic_sheet = sheet.SheetWork(
-        free=model.sheet.rest.copy(), squares=np.zeros(m if elements else 0), trace=np.zeros(elements),
-        tension=np.zeros(3 * elements), sum=np.zeros(elements),
-        modulus=model.sheet.modulus.copy(), shear=model.sheet.shear.copy(), limit=model.sheet.limit.copy(),
+        modulus=_own(model.sheet.modulus, tears), shear=_own(model.sheet.shear, tears),
+        limit=_own(model.sheet.limit, fails),
     )
+    traced = model.mirror.kind.size > 0
+    patch = t if traced else min(t, PATCH)
     damped = model.retardation.size > 0
     viscous = damping.DampingWork(
         pull=np.zeros((3, 2 * m + 1 if damped else 0)), rate=np.zeros(m if damped else 0),
@@ -83,10 +93,10 @@ def work_space(
         free=model.springs.rest[: model.springs.stiffness.size].copy(), sheet=elastic_sheet,
         stencil=stencil_work(
             model.stencil, model.springs, model.sheet, model.lit,
-            scratch_space(model.stencil, len(model.light.ranges), model.lit, threads),
+            scratch_space(model.stencil, model.lit, patch, 1 if traced else threads, threads),
         ), damping=viscous,
-        acceleration=np.zeros((3, n)), sides=np.zeros((6, t if model.lit or model.warm else 0)),
-        light=_light_work(model.light.absorptance),
+        acceleration=np.zeros((3, n)),
+        light=_light_work(model.light.absorptance, curves.absorption.region.size > 0),
         mirror=_mirror_work(model.mirror), broken=_broken(model, on_failure, shares), heat=heat,
         flags=np.zeros(2, np.int64), gain=np.zeros(1),
         ahead=np.zeros((3, n if model.lit else 0)),

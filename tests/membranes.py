@@ -118,6 +118,13 @@ def tensions(flight: Flight, x: np.ndarray) -> np.ndarray:
     return np.bincount(mesh.triangle_edges.ravel(), each.ravel(), minlength=len(a))
 
 
+def normals(flight: Flight) -> np.ndarray:
+    """Normals (3, t) of the triangles as the light met them last."""
+    a, b, c = flight.work.ahead.T[flight.membrane.mesh.triangles].transpose(1, 0, 2)
+    across = np.cross(b - a, c - a)
+    return (across / np.linalg.norm(across, axis=1)[:, None]).T
+
+
 def edge_forces(flight: Flight, x: np.ndarray) -> np.ndarray:
     """Forces (3, n) in N on nodes x (3, n), edge by edge."""
     a, b = flight.membrane.mesh.edges.T

@@ -57,7 +57,7 @@ def _carry(model: Model, carrier: Carrier, state: State, work: Work, own: Carrie
     else:
         soften(model, carrier, own, state.x, state.v, work.acceleration)
         _act(model, work, state)
-    triangle = beyond(model.springs, carrier, work.sheet.free, own)
+    triangle = beyond(model.springs, carrier, model.stencil.slots, work.stencil.free, own)
     if triangle >= 0:
         work.flags[1] = triangle
         return failure.BEYOND

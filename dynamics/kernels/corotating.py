@@ -252,18 +252,19 @@ def soften_released(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def beyond(springs: Springs, carrier: Carrier, free: Floats, own: CarrierWork) -> int:
+def beyond(springs: Springs, carrier: Carrier, slots: Indices, lengths: Floats, own: CarrierWork) -> int:
     """A triangle of the first edge of more strain and slope than the scheme bears, or not finite; −1 if there is none.
 
-    free (3t,): squared free lengths in m² of the sides of the triangles.
+    lengths (f, 3, p): squared free lengths in m², in which slots (3t,) are the places of the sides of the triangles.
     """
+    free = lengths.reshape(-1)
     r, e, height = own.places, own.frame, own.across
     for i in range(height.size):
         height[i] = e[2, 0] * r[0, i] + e[2, 1] * r[1, i] + e[2, 2] * r[2, i]
     for k in range(springs.start.size):
         a, b = springs.start[k], springs.end[k]
         d0, d1, d2, rise = r[0, b] - r[0, a], r[1, b] - r[1, a], r[2, b] - r[2, a], height[b] - height[a]
-        square = free[carrier.sides[k]]
+        square = free[slots[carrier.sides[k]]]
         if not 0.5 * (d0 * d0 + d1 * d1 + d2 * d2 - square) + 2.0 * rise * rise <= carrier.most * square:
-            return carrier.sides[k] % (free.size // 3)
+            return carrier.sides[k] % (slots.size // 3)
     return -1

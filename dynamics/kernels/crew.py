@@ -18,7 +18,7 @@ from numba.extending import intrinsic
 from dynamics.kernels import optical, stencil
 from dynamics.kernels.elastic import Floats, Integers
 from dynamics.kernels.optical import Light, LightWork
-from dynamics.kernels.stencil import Pace, Scratch, Stencil, StencilWork
+from dynamics.kernels.stencil import Pace, Stencil, StencilWork
 
 TICKET, TASK, SOURCE, DONE = 0, 8, 9, 16
 LEAVE, SWEEP, RESPOND = range(3)
@@ -111,16 +111,19 @@ def _part(size: int, thread: int, threads: int) -> tuple[int, int]:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def respond_all(light: Light, work: LightWork, x: Floats, scratch: Scratch) -> None:
-    """Response of all triangles at nodes x (3, n), which must be `ahead` of the work space."""
+def respond_all(light: Light, work: LightWork, x: Floats, layout: Stencil, space: StencilWork) -> None:
+    """Light on all triangles at nodes x (3, n), which must be `ahead` of the work space."""
+    scratch = space.scratch
     threads, size = scratch.bad.size, light.corners.shape[1]
     if threads > 1:
         _hand_out(scratch.board, RESPOND, 0)
     begin, end = _part(size, 0, threads)
-    optical.respond(light, work, x, begin, end, scratch.found[0])
+    optical.respond(
+        light, work, stencil.patch(scratch, 0), layout, x, begin, end, scratch.found[0], scratch.seen[0], space.held
+    )
     if threads > 1:
         _collect(scratch.board, threads - 1)
-    optical.note(light, work, scratch.found)
+    optical.note(work, scratch.found, scratch.seen)
 
 
 @numba.njit(cache=True)
@@ -145,5 +148,8 @@ def assist(layout: Stencil, work: StencilWork, light: Light, lit: LightWork, ahe
             stencil.sweep(layout, work, source, pace, thread, scratch.shares[thread], scratch.shares[thread + 1])
         else:
             begin, end = _part(light.corners.shape[1], thread, threads)
-            optical.respond(light, lit, ahead, begin, end, scratch.found[thread])
+            optical.respond(
+                light, lit, stencil.patch(scratch, thread), layout, ahead, begin, end, scratch.found[thread],
+                scratch.seen[thread], work.held,
+            )
         _add(board, DONE, 1)

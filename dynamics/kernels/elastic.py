@@ -22,10 +22,11 @@ REFERENCE_TEMPERATURE = 300.0
 
 
 class Springs(NamedTuple):
-    """Edges (e,) from node `start` to node `end`, with stiffness in N/m and rest length in m.
+    """Edges (e,) from node `start` to node `end`, with stiffness in N/m and rest length in m, empty for triangles.
 
-    slots (d, n): positions, in the concatenation [pull, −pull, 0] over edges, of the forces on each node. stretch (e,):
-    ℓ/L at which an edge tears. expansion (e,): thermal expansion in 1/K. Either is empty where the effect is off.
+    slots (d, n): positions, in the concatenation [pull, −pull, 0] over edges, of the forces on each node, for damping.
+    stretch (e,): ℓ/L at which an edge tears. expansion (e,): thermal expansion in 1/K. All are empty where the effect
+    is off.
     """
 
     start: Indices
@@ -35,13 +36,6 @@ class Springs(NamedTuple):
     slots: Indices
     stretch: Floats
     expansion: Floats
-
-
-@numba.njit(cache=True, error_model="numpy")
-def difference(values: Floats, start: Indices, end: Indices, out: Floats) -> None:
-    """out[i] = values[end[i]] − values[start[i]] over the edges."""
-    for i in range(start.size):
-        out[i] = values[end[i]] - values[start[i]]
 
 
 @numba.njit(cache=True, error_model="numpy")

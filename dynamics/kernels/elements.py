@@ -19,7 +19,7 @@ GUARD = np.uint64(8)
 
 
 @numba.njit(cache=True, inline="always")
-def _turned(
+def turned(
     g0: float, g1: float, g2: float, a0: float, a1: float, a2: float, b0: float, b1: float, b2: float
 ) -> tuple[float, float, float]:
     """The held force g₀ a + g₁ b + g₂ a × b of a triangle with sides a and b from its first corner, as they lie now."""
@@ -58,7 +58,7 @@ def strain(
         bad += 0 if t0 * d0 + t1 * d1 + t2 * d2 <= bound[first] else 1
         m0, m1, m2 = 0.0, 0.0, 0.0
         if lit:
-            m0, m1, m2 = _turned(
+            m0, m1, m2 = turned(
                 share * h0[first], share * h1[first], share * h2[first], p0, p1, p2, r0, r1, r2
             )
             sum0[j], sum1[j], sum2[j] = sum0[j] + m0, sum1[j] + m1, sum2[j] + m2
@@ -83,7 +83,7 @@ def push(
     """A share of the light's force on each corner of triangles o … o + n, which is also added to sums (w,)."""
     for i in range(n):
         j, first, second, third = i + GUARD, o + i, o + i + ahead, o + i + beyond
-        m0, m1, m2 = _turned(
+        m0, m1, m2 = turned(
             share * h0[first], share * h1[first], share * h2[first],
             x0[second] - x0[first], x1[second] - x1[first], x2[second] - x2[first],
             x0[third] - x0[first], x1[third] - x1[first], x2[third] - x2[first],

@@ -56,7 +56,7 @@ class Model(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Work space: free lengths (e,) in m, acceleration (3, n), sides (6, t), and that of the effects.
+    """Work space: free lengths of springs (e,) in m, acceleration (3, n), and that of the effects.
 
     sheet: that of elastic triangles. flags: [1 if the held light is valid, failed edge or triangle]. gain (1,): the
     ramp at the latest evaluation. ahead (3, n): nodes in the middle of the time over which light is held.
@@ -68,7 +68,6 @@ class Work(NamedTuple):
     stencil: StencilWork
     damping: DampingWork
     acceleration: Floats
-    sides: Floats
     light: LightWork
     mirror: MirrorWork
     broken: Broken

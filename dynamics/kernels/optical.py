@@ -18,11 +18,18 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.kernels.beam import LIGHT_SPEED, intensity
+from dynamics.kernels import stencil
+from dynamics.kernels.beam import LIGHT_SPEED, decay
 from dynamics.kernels.elastic import Floats, Indices
+from dynamics.kernels.elements import turned
+from dynamics.kernels.stencil import Stencil
+from dynamics.kernels.triangles import Patch, sides
 from optics.table import TableArrays, lookup_many
 
 Integers = NDArray[np.int64]
+
+#: Rows of what is found about directions: outside their table, or of light from behind.
+OUTSIDE, BEHIND = range(2)
 
 
 class Tables(NamedTuple):
@@ -67,17 +74,13 @@ class Light(NamedTuple):
 
 
 class LightWork(NamedTuple):
-    """Work space: frame (10, t), response q (t, 4), held coefficients (3, t), force (3, t + 1), last column 0.
+    """What is held, and what is known of it.
 
-    incident, absorbed (t + 1,): power in W on and into each triangle at full ramp, last 0. outside: [how many
-    directions lay outside their table, first such triangle, 1 if it is lit from behind, which ends a run even where
-    directions are clamped], direction: its u, v. total (3,): force in N. absorptance (t,): as it is now.
+    incident, absorbed (t,): power in W on and into each triangle at full ramp. outside: [how many directions lay
+    outside their table, first such triangle, 1 if it is lit from behind, which ends a run even where directions are
+    clamped], direction: its u, v. total (3,): force in N. absorptance (t,): as it is now.
     """
 
-    frame: Floats
-    q: Floats
-    held: Floats
-    force: Floats
     incident: Floats
     absorbed: Floats
     outside: Integers
@@ -87,13 +90,15 @@ class LightWork(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _frames(e: Floats, frame: Floats) -> None:
-    """Frame (10, t): n (3), double area, 1/|e₁|, e₂·ê₁, and z components of ê₁ and n × ê₁ of triangles with sides e."""
-    a0, a1, a2, b0, b1, b2 = e[0], e[1], e[2], e[3], e[4], e[5]
-    n0, n1, n2, double, inverse, lean, first_z, aside_z = (
-        frame[0], frame[1], frame[2], frame[3], frame[4], frame[5], frame[6], frame[7],
+def _frames(patch: Patch, at: int, n: int) -> None:
+    """First eight rows of the frame of n triangles from place `at` of the patch on."""
+    e, frame, end = patch.sides, patch.frame, at + n
+    a0, a1, a2, b0, b1, b2 = (
+        e[0, at:end], e[1, at:end], e[2, at:end], e[3, at:end], e[4, at:end], e[5, at:end],
     )
-    for i in range(a0.size):
+    n0, n1, n2, double = frame[0, at:end], frame[1, at:end], frame[2, at:end], frame[3, at:end]
+    inverse, lean, first_z, aside_z = frame[4, at:end], frame[5, at:end], frame[6, at:end], frame[7, at:end]
+    for i in range(n):
         c0 = a1[i] * b2[i] - a2[i] * b1[i]
         c1 = a2[i] * b0[i] - a0[i] * b2[i]
         c2 = a0[i] * b1[i] - a1[i] * b0[i]
@@ -110,24 +115,26 @@ def _frames(e: Floats, frame: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _sail_frame(light: Light, frame: Floats) -> None:
-    """U = k·g, v = k·r of each triangle's own frame into frame[8:10]."""
-    first_z, aside_z, u, v = frame[6], frame[7], frame[8], frame[9]
-    cos, sin = light.cos_across, light.sin_across
-    for i in range(cos.size):
+def _sail_frame(light: Light, patch: Patch, begin: int, at: int, n: int) -> None:
+    """U = k·g, v = k·r in each triangle's own frame, of n triangles from `begin` on."""
+    frame, end = patch.frame, at + n
+    first_z, aside_z, u, v = frame[6, at:end], frame[7, at:end], frame[8, at:end], frame[9, at:end]
+    cos, sin = light.cos_across[begin : begin + n], light.sin_across[begin : begin + n]
+    for i in range(n):
         u[i] = first_z[i] * cos[i] + aside_z[i] * sin[i]
         v[i] = aside_z[i] * cos[i] - first_z[i] * sin[i]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _yaw_blind(light: Light, frame: Floats) -> None:
-    """u, v from the lab-frame pitch and roll of the normal and g of the rest layout (Gao et al.'s runs), frame[8:10].
+def _yaw_blind(light: Light, patch: Patch, begin: int, at: int, n: int) -> None:
+    """u, v from the lab-frame pitch and roll of the normal and g of the rest layout (Gao et al.'s runs).
 
     With sin θ = n_x and tan φ = −n_y/n_z the light's direction is (−sin θ cos φ, sin φ, cos θ cos φ).
     """
-    n0, n1, n2, u, v = frame[0], frame[1], frame[2], frame[8], frame[9]
-    g0, g1 = light.rest_g[0], light.rest_g[1]
-    for i in range(n0.size):
+    frame, end = patch.frame, at + n
+    n0, n1, n2, u, v = frame[0, at:end], frame[1, at:end], frame[2, at:end], frame[8, at:end], frame[9, at:end]
+    g0, g1 = light.rest_g[0, begin : begin + n], light.rest_g[1, begin : begin + n]
+    for i in range(n):
         hypotenuse = math.sqrt(n1[i] * n1[i] + n2[i] * n2[i])
         k0 = -n0[i] * n2[i] / hypotenuse
         k1 = -n1[i] / hypotenuse
@@ -136,35 +143,35 @@ def _yaw_blind(light: Light, frame: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _constant(light: Light, frame: Floats, absorptance: Floats, q: Floats, begin: int, end: int) -> None:
-    """Response q (t, 4) of triangles begin … end with constant reflectance: F = (P/c)(2R (k·n) n + a k)."""
-    for i in range(begin, end):
-        first_z, aside_z, w = frame[6, i], frame[7, i], frame[2, i]
-        cos, sin, a = light.cos_across[i], light.sin_across[i], absorptance[i]
-        q[i, 0] = a * (first_z * cos + aside_z * sin)
-        q[i, 1] = a * (aside_z * cos - first_z * sin)
-        q[i, 2] = (2.0 * light.reflectance[i] + a) * w
-        q[i, 3] = a
+def _constant(light: Light, patch: Patch, absorptance: Floats, begin: int, at: int, n: int) -> None:
+    """Response of n triangles from `begin` on with constant reflectance: F = (P/c)(2R (k·n) n + a k)."""
+    for i in range(n):
+        k, j = begin + i, at + i
+        first_z, aside_z, w = patch.frame[6, j], patch.frame[7, j], patch.frame[2, j]
+        cos, sin, a = light.cos_across[k], light.sin_across[k], absorptance[k]
+        patch.response[j, 0] = a * (first_z * cos + aside_z * sin)
+        patch.response[j, 1] = a * (aside_z * cos - first_z * sin)
+        patch.response[j, 2] = (2.0 * light.reflectance[k] + a) * w
+        patch.response[j, 3] = a
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _note_outside(work: LightWork, count: int, triangle: int, behind: bool) -> None:
-    """Count directions outside their table and keep the first such triangle; one lit from behind takes its place."""
-    if count > 0 and (work.outside[0] == 0 or (behind and work.outside[2] == 0)):
-        work.outside[1] = triangle
-        work.direction[0] = work.frame[8, triangle]
-        work.direction[1] = work.frame[9, triangle]
-    if count > 0 and behind:
-        work.outside[2] = 1
-    work.outside[0] += count
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _turn_over(work: LightWork, begin: int, end: int) -> None:
+def _turn_over(patch: Patch, at: int, n: int) -> None:
     """A film is the same from behind: the force across it points the other way."""
-    for i in range(begin, end):
-        if work.frame[2, i] < 0.0:
-            work.q[i, 2] = -work.q[i, 2]
+    for j in range(at, at + n):
+        if patch.frame[2, j] < 0.0:
+            patch.response[j, 2] = -patch.response[j, 2]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _count_behind(patch: Patch, at: int, n: int) -> tuple[int, int]:
+    """How many triangles of a grating are lit from behind, for which its table holds no answer, and the first."""
+    count, first = 0, -1
+    for i in range(n):
+        if not patch.frame[2, at + i] > 0.0:
+            count += 1
+            first = i if first < 0 else first
+    return count, first
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -177,101 +184,116 @@ def table(tables: Tables, k: int) -> TableArrays:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _count_behind(work: LightWork, begin: int, end: int) -> tuple[int, int]:
-    """How many triangles of a grating are lit from behind, for which its table holds no answer, and the first."""
-    count, first = 0, -1
-    for i in range(begin, end):
-        if not work.frame[2, i] > 0.0:
-            count += 1
-            first = i if first < 0 else first
-    return count, first
+def _spot(found: Integers, seen: Floats, count: int, triangle: int, patch: Patch, place: int) -> None:
+    """Add triangles to found (2,), how many and the first, of which seen (2,) keeps the direction."""
+    if count > 0 and found[0] == 0:
+        found[1] = triangle
+        seen[0], seen[1] = patch.frame[8, place], patch.frame[9, place]
+    found[0] += count
 
 
 @numba.njit(cache=True, error_model="numpy")
-def respond(light: Light, work: LightWork, x: Floats, first: int, last: int, found: Integers) -> None:
-    """Response work.q (t, 4) (q_g, q_r, q_n, absorptance) and incident power of the triangles first … last.
+def _look_up(
+    light: Light, patch: Patch, k: int, begin: int, at: int, n: int, found: Integers, seen: Floats
+) -> None:
+    """Response of n triangles from `begin` on, those of table k."""
+    end = at + n
+    count, place = lookup_many(
+        table(light.tables, k), patch.frame[8, at:end], patch.frame[9, at:end], patch.response[at:end]
+    )
+    _spot(found[OUTSIDE], seen[OUTSIDE], count, begin + place, patch, at + place)
+    if light.tables.axisymmetric[k]:
+        _turn_over(patch, at, n)
+    else:
+        count, place = _count_behind(patch, at, n)
+        _spot(found[BEHIND], seen[BEHIND], count, begin + place, patch, at + place)
 
-    found (s, 4): for each region how many of them lie outside their table and the first, how many are lit from behind
-    and the first.
+
+@numba.njit(cache=True, error_model="numpy")
+def _shine(light: Light, x: Floats, patch: Patch, incident: Floats, begin: int, at: int, n: int) -> None:
+    """Power I A |w| in W on each triangle at full ramp, with the intensity at its centroid."""
+    x0, x1, narrow = x[0], x[1], -2.0 / (9.0 * light.radius * light.radius)
+    c0, c1, c2 = light.corners[0], light.corners[1], light.corners[2]
+    out = incident[begin : begin + n]
+    for i in range(n):
+        p, q, s = c0[begin + i], c1[begin + i], c2[begin + i]
+        a, b = x0[p] + x0[q] + x0[s], x1[p] + x1[q] + x1[s]
+        out[i] = narrow * (a * a + b * b)
+    w, double = patch.frame[2, at : at + n], patch.frame[3, at : at + n]
+    for i in range(n):
+        out[i] = light.intensity * decay(out[i]) * 0.5 * double[i] * abs(w[i])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _hold(light: Light, work: LightWork, patch: Patch, begin: int, at: int, n: int) -> None:
+    """Coefficients of F = (P/c)(q_g g + q_r r + q_n n) along e₁, e₂ and e₁ × e₂, and the absorbed power."""
+    q, frame = patch.response, patch.frame
+    for i in range(n):
+        k, j = begin + i, at + i
+        cos, sin, power = light.cos_across[k], light.sin_across[k], work.incident[k]
+        scale, double, inverse = power / LIGHT_SPEED, frame[3, j], frame[4, j]
+        along = scale * (q[j, 0] * cos - q[j, 1] * sin)
+        aside = scale * (q[j, 0] * sin + q[j, 1] * cos)
+        second = aside / (double * inverse)
+        work.absorbed[k] = power * (work.absorptance[k] if work.absorptance[k] >= 0.0 else q[j, 3])
+        patch.response[j, 0] = (along - second * frame[5, j]) * inverse
+        patch.response[j, 1] = second
+        patch.response[j, 2] = scale * q[j, 2] / double
+
+
+@numba.njit(cache=True, error_model="numpy")
+def respond(
+    light: Light, work: LightWork, patch: Patch, layout: Stencil, x: Floats, first: int, last: int, found: Integers,
+    seen: Floats, held: Floats,
+) -> None:
+    """Light on the triangles first … last at nodes x (3, n): power, and coefficients into held (f, 3, p).
+
+    found (2, 2): how many of them lie outside their table and the first; how many are lit from behind and the first.
+    seen (2, 2): the direction of these two. A patch for all triangles keeps each of them at its own place.
     """
-    u, v = work.frame[8], work.frame[9]
+    most, whole = patch.response.shape[0], patch.response.shape[0] == light.corners.shape[1]
+    found[:, 0] = 0
     for s in range(light.ranges.shape[0]):
         k, begin, end = light.ranges[s, 0], max(light.ranges[s, 1], first), min(light.ranges[s, 2], last)
-        found[s, 0], found[s, 2] = 0, 0
-        if begin < end and k < 0:
-            _constant(light, work.frame, work.absorptance, work.q, begin, end)
-        elif begin < end:
-            count, place = lookup_many(table(light.tables, k), u[begin:end], v[begin:end], work.q[begin:end])
-            found[s, 0], found[s, 1] = count, begin + place
-            if light.tables.axisymmetric[k]:
-                _turn_over(work, begin, end)
+        while begin < end:
+            n, at = min(most, end - begin), begin if whole else 0
+            sides(x, light.corners, begin, n, at, patch.sides)
+            _frames(patch, at, n)
+            if light.yaw_blind:
+                _yaw_blind(light, patch, begin, at, n)
             else:
-                found[s, 2], found[s, 3] = _count_behind(work, begin, end)
-    _shine(light, x, work.frame, work.incident, first, last)
+                _sail_frame(light, patch, begin, at, n)
+            if k < 0:
+                _constant(light, patch, work.absorptance, begin, at, n)
+            else:
+                _look_up(light, patch, k, begin, at, n, found, seen)
+            _shine(light, x, patch, work.incident, begin, at, n)
+            _hold(light, work, patch, begin, at, n)
+            stencil.hold(layout, patch.response, begin, at, n, held)
+            begin += n
 
 
 @numba.njit(cache=True, error_model="numpy")
-def note(light: Light, work: LightWork, found: Integers) -> None:
-    """Note what `respond` found (threads, s, 4), as if one thread had."""
-    for s in range(light.ranges.shape[0]):
+def note(work: LightWork, found: Integers, seen: Floats) -> None:
+    """Note what `respond` found, (threads, 2, 2) each, as if one thread had."""
+    for kind in range(2):
         for thread in range(found.shape[0]):
-            _note_outside(work, found[thread, s, 0], found[thread, s, 1], False)
-        for thread in range(found.shape[0]):
-            _note_outside(work, found[thread, s, 2], found[thread, s, 3], True)
+            count, behind = found[thread, kind, 0], kind == BEHIND
+            if count > 0 and (work.outside[0] == 0 or (behind and work.outside[2] == 0)):
+                work.outside[1] = found[thread, kind, 1]
+                work.direction[0], work.direction[1] = seen[thread, kind, 0], seen[thread, kind, 1]
+            if count > 0 and behind:
+                work.outside[2] = 1
+            work.outside[0] += count
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _shine(light: Light, x: Floats, frame: Floats, incident: Floats, begin: int, end: int) -> None:
-    """Power I A |w| in W on each triangle at full ramp, with the intensity at its centroid."""
-    x0, x1 = x[0], x[1]
-    c0, c1, c2 = light.corners[0], light.corners[1], light.corners[2]
-    w, double = frame[2], frame[3]
-    for i in range(begin, end):
-        p, q, s = c0[i], c1[i], c2[i]
-        cx = (x0[p] + x0[q] + x0[s]) / 3.0
-        cy = (x1[p] + x1[q] + x1[s]) / 3.0
-        incident[i] = intensity(cx, cy, light.intensity, light.radius) * 0.5 * double[i] * abs(w[i])
-
-
-@numba.njit(cache=True, error_model="numpy")
-def finish(light: Light, work: LightWork) -> None:
-    """Coefficients of F = (P/c)(q_g g + q_r r + q_n n) along e₁, e₂ and e₁ × e₂, and the absorbed power."""
-    h0, h1, h2 = work.held[0], work.held[1], work.held[2]
-    double, inverse, lean = work.frame[3], work.frame[4], work.frame[5]
-    q, material = work.q, work.absorptance
-    for i in range(double.size):
-        cos, sin = light.cos_across[i], light.sin_across[i]
-        power = work.incident[i]
-        scale = power / LIGHT_SPEED
-        along = scale * (q[i, 0] * cos - q[i, 1] * sin)
-        aside = scale * (q[i, 0] * sin + q[i, 1] * cos)
-        second = aside / (double[i] * inverse[i])
-        h0[i] = (along - second * lean[i]) * inverse[i]
-        h1[i] = second
-        h2[i] = scale * q[i, 2] / double[i]
-        work.absorbed[i] = power * (material[i] if material[i] >= 0.0 else q[i, 3])
-
-
-@numba.njit(cache=True, error_model="numpy")
-def prepare(light: Light, work: LightWork, sides: Floats) -> None:
-    """Frames of triangles with sides (6, t), and the directions of the light in them."""
-    _frames(sides, work.frame)
-    if light.yaw_blind:
-        _yaw_blind(light, work.frame)
-    else:
-        _sail_frame(light, work.frame)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def turn(work: LightWork, e: Floats, gain: float) -> None:
-    """Write a third of the held force at ramp `gain`, turned with sides e (6, t), to work.force."""
-    held, force = work.held, work.force
-    a0, a1, a2, b0, b1, b2 = e[0], e[1], e[2], e[3], e[4], e[5]
-    h0, h1, h2 = held[0], held[1], held[2]
-    f0, f1, f2 = force[0], force[1], force[2]
-    third = gain / 3.0
-    for i in range(a0.size):
-        p, q, s = h0[i] * third, h1[i] * third, h2[i] * third
-        f0[i] = p * a0[i] + q * b0[i] + s * (a1[i] * b2[i] - a2[i] * b1[i])
-        f1[i] = p * a1[i] + q * b1[i] + s * (a2[i] * b0[i] - a0[i] * b2[i])
-        f2[i] = p * a2[i] + q * b2[i] + s * (a0[i] * b1[i] - a1[i] * b0[i])
+@numba.njit(cache=True, inline="always")
+def force(light: Light, layout: Stencil, held: Floats, x: Floats, i: int) -> tuple[float, float, float]:
+    """Held force in N at full ramp on triangle i of nodes x (3, n), turned with its sides."""
+    turn, size = layout.turns[i], layout.per_mass.size
+    k, f = layout.cells[i] % size, layout.cells[i] // size
+    p, q, s = light.corners[turn, i], light.corners[(turn + 1) % 3, i], light.corners[(turn + 2) % 3, i]
+    return turned(
+        held[f, 0, k], held[f, 1, k], held[f, 2, k], x[0, q] - x[0, p], x[1, q] - x[1, p], x[2, q] - x[2, p],
+        x[0, s] - x[0, p], x[1, s] - x[1, p], x[2, s] - x[2, p],
+    )

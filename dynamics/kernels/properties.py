@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dynamics.kernels.elastic import REFERENCE_TEMPERATURE, Floats, Indices
 from dynamics.kernels.sheet import Sheet
+from dynamics.kernels.stencil import Stencil
 
 Integers = NDArray[np.int64]
 
@@ -79,14 +80,16 @@ def integral(curve: Curve, i: int, kelvin: float) -> float:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def grow(curve: Curve, sheet: Sheet, corners: Indices, temperature: Floats, free: Floats) -> None:
-    """Squared free lengths (3t,) λ²L² of triangles with a curve, λ = 1 + ∫ α dT from 300 K."""
-    t = curve.region.size
+def grow(
+    curve: Curve, sheet: Sheet, layout: Stencil, corners: Indices, temperature: Floats, out: Floats
+) -> None:
+    """Squared free lengths λ²L² of triangles with a curve, λ = 1 + ∫ α dT from 300 K, to out (f, 3, p)."""
+    t, free = curve.region.size, out.reshape(-1)
     for i in range(t):
         if curve.region[i] >= 0:
             stretch = 1.0 + integral(curve, i, _mean(corners, temperature, i))
             for side in range(3):
-                free[side * t + i] = stretch * stretch * sheet.rest[side * t + i]
+                free[layout.slots[side * t + i]] = stretch * stretch * sheet.rest[side * t + i]
 
 
 @numba.njit(cache=True, error_model="numpy")

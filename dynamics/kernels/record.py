@@ -5,8 +5,9 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from dynamics.kernels.elastic import Floats, Indices
-from dynamics.kernels.optical import Light, LightWork
+from dynamics.kernels.elastic import Floats
+from dynamics.kernels.optical import Light, LightWork, force
+from dynamics.kernels.stencil import Stencil
 from dynamics.kernels.streams import streams
 from dynamics.kernels.triangles import Triangles, total
 
@@ -74,11 +75,13 @@ def warmth(triangles: Triangles, temperature: Floats, row: Floats) -> None:
 
 
 @streams()
-def push(corners: Indices, x: Floats, force: Floats, row: Floats) -> None:
-    """Optical force in N and its torque about the centre of mass in N m; force (3, t + 1) is that on one corner."""
+def push(light: Light, layout: Stencil, held: Floats, x: Floats, gain: float, row: Floats) -> None:
+    """Optical force in N and its torque about the centre of mass in N m, a third at each corner, of the held light."""
+    corners, third = light.corners, gain / 3.0
     for i in range(corners.shape[1]):
         p, q, s = corners[0, i], corners[1, i], corners[2, i]
-        f0, f1, f2 = force[0, i], force[1, i], force[2, i]
+        f0, f1, f2 = force(light, layout, held, x, i)
+        f0, f1, f2 = third * f0, third * f1, third * f2
         d0 = x[0, p] + x[0, q] + x[0, s] - 3.0 * row[1]
         d1 = x[1, p] + x[1, q] + x[1, s] - 3.0 * row[2]
         d2 = x[2, p] + x[2, q] + x[2, s] - 3.0 * row[3]
@@ -91,12 +94,14 @@ def push(corners: Indices, x: Floats, force: Floats, row: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def illumination(light: Light, work: LightWork, x: Floats, gain: float, row: Floats) -> None:
+def illumination(
+    light: Light, work: LightWork, layout: Stencil, held: Floats, x: Floats, gain: float, row: Floats
+) -> None:
     """Incident and absorbed power in W, force and torque of the light at ramp `gain`."""
     size = light.corners.shape[1]
     row[32] = gain * total(work.incident, size)
     row[33] = gain * total(work.absorbed, size)
     row[44] = work.outside[0]
-    push(light.corners, x, work.force, row)
+    push(light, layout, held, x, gain, row)
 
 

@@ -21,6 +21,7 @@ from dynamics.kernels.elastic import Floats
 from dynamics.kernels.optical import Integers, Light, LightWork, table
 from dynamics.kernels.polarisation import Polariser
 from dynamics.kernels.tree import Tree, nearest, refit
+from dynamics.kernels.triangles import Patch
 from optics.table import lookup
 
 #: Entries of the account of a trace: power in W that leaves, passes through at a hit, is absorbed at a hit, is left in
@@ -85,7 +86,8 @@ def response(mirror: Mirror, light: Light, absorptance: Floats, i: int, cosine: 
 
 @numba.njit(cache=True, error_model="numpy")
 def _shares(
-    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, j: int, direction: Floats, cosine: float
+    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, frame: Floats, j: int, direction: Floats,
+    cosine: float,
 ) -> tuple[float, float]:
     """Share of a ray's power that triangle j reflects and absorbs; turns the field where that is tracked."""
     if not mirror.polariser.tracked:
@@ -94,17 +96,18 @@ def _shares(
     found = polarisation.film(
         mirror.polariser, light, mirror.kind[j], last, held.absorptance[j], j, cosine
     )
-    return polarisation.reflect(found, direction, held.frame[:3, j], work.field)
+    return polarisation.reflect(found, direction, frame[:3, j], work.field)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _strike(
-    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, j: int, direction: Floats, power: float
+    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, frame: Floats, j: int, direction: Floats,
+    power: float,
 ) -> float:
     """Force and heat of a ray on triangle j; turns the direction and returns the power that goes on."""
-    n0, n1, n2 = held.frame[0, j], held.frame[1, j], held.frame[2, j]
+    n0, n1, n2 = frame[0, j], frame[1, j], frame[2, j]
     across = direction[0] * n0 + direction[1] * n1 + direction[2] * n2
-    share, loss = _shares(mirror, work, light, held, j, direction, min(abs(across), 1.0))
+    share, loss = _shares(mirror, work, light, held, frame, j, direction, min(abs(across), 1.0))
     scale, push = power / LIGHT_SPEED, 2.0 * share * across
     work.force[0, j] += scale * (push * n0 + loss * direction[0])
     work.force[1, j] += scale * (push * n1 + loss * direction[1])
@@ -121,7 +124,8 @@ def _strike(
 
 @numba.njit(cache=True, error_model="numpy")
 def _follow(
-    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, x: Floats, i: int, power: float, gone: Integers
+    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, frame: Floats, x: Floats, i: int, power: float,
+    gone: Integers,
 ) -> None:
     """One ray from triangle i until it leaves, has hit often enough, or is too weak."""
     weakest, own = mirror.cutoff * power, i
@@ -138,7 +142,7 @@ def _follow(
             return
         for c in range(3):
             origin[c] += distance * direction[c]
-        power = _strike(mirror, work, light, held, j, direction, power)
+        power = _strike(mirror, work, light, held, frame, j, direction, power)
         own = j
         if power <= weakest:
             break
@@ -146,12 +150,14 @@ def _follow(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _first(mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, i: int, angle: float) -> float:
+def _first(
+    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, frame: Floats, i: int, angle: float
+) -> float:
     """Reflected share of the beam on triangle i; where polarisation is tracked, also the field its rays begin with.
 
     The held light has force and heat of the mean over polarisation: what the field at `angle` changes of that is added.
     """
-    across = held.frame[2, i]
+    across = frame[2, i]
     mean, lost = response(mirror, light, held.absorptance, i, abs(across))
     if not mirror.polariser.tracked:
         return mean
@@ -159,10 +165,10 @@ def _first(mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, i: i
     beam[0], beam[1], beam[2] = 0.0, 0.0, 1.0
     field[0, 0], field[0, 1], field[0, 2] = math.cos(angle), math.sin(angle), 0.0
     field[1, 0], field[1, 1], field[1, 2] = 0.0, 0.0, 0.0
-    share, loss = _shares(mirror, work, light, held, i, beam, min(abs(across), 1.0))
+    share, loss = _shares(mirror, work, light, held, frame, i, beam, min(abs(across), 1.0))
     scale = held.incident[i] / LIGHT_SPEED
     for c in range(3):
-        work.force[c, i] += scale * (2.0 * (share - mean) * across * held.frame[c, i] + (loss - lost) * beam[c])
+        work.force[c, i] += scale * (2.0 * (share - mean) * across * frame[c, i] + (loss - lost) * beam[c])
     work.heat[i] += (loss - lost) * held.incident[i]
     work.first[...] = field
     return share
@@ -170,10 +176,11 @@ def _first(mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, i: i
 
 @numba.njit(cache=True, error_model="numpy")
 def _send(
-    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, x: Floats, i: int, power: float, gone: Integers
+    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, frame: Floats, x: Floats, i: int, power: float,
+    gone: Integers,
 ) -> None:
     """Rays of equal power from the centres of the rays² equal parts of triangle i, for light along +z."""
-    m, n2 = mirror.rays, held.frame[2, i]
+    m, n2 = mirror.rays, frame[2, i]
     origin, direction = work.ray[0], work.ray[1]
     p, q, s = light.corners[0, i], light.corners[1, i], light.corners[2, i]
     for a in range(m):
@@ -183,37 +190,34 @@ def _send(
             u, v = (a + (1.0 if up else 2.0) / 3.0) / m, (b // 2 + (1.0 if up else 2.0) / 3.0) / m
             for c in range(3):
                 origin[c] = x[c, p] + u * (x[c, q] - x[c, p]) + v * (x[c, s] - x[c, p])
-                direction[c] = -2.0 * n2 * held.frame[c, i]
+                direction[c] = -2.0 * n2 * frame[c, i]
             direction[2] += 1.0
             work.field[...] = work.first
-            _follow(mirror, work, light, held, x, i, power / (m * m), gone)
+            _follow(mirror, work, light, held, frame, x, i, power / (m * m), gone)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _hold(work: MirrorWork, held: LightWork, e: Floats) -> None:
+def _hold(work: MirrorWork, held: LightWork, patch: Patch) -> None:
     """Add force and heat to those held in the frame of each triangle: F = c₁ e₁ + c₂ e₂ + c₃ e₁ × e₂."""
+    e, out = patch.sides, patch.response
     for i in range(work.heat.size):
         a0, a1, a2, b0, b1, b2 = e[0, i], e[1, i], e[2, i], e[3, i], e[4, i], e[5, i]
         n0, n1, n2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
         f0, f1, f2 = work.force[0, i], work.force[1, i], work.force[2, i]
         square = n0 * n0 + n1 * n1 + n2 * n2
-        held.held[0, i] += (
-            (f1 * b2 - f2 * b1) * n0 + (f2 * b0 - f0 * b2) * n1 + (f0 * b1 - f1 * b0) * n2
-        ) / square
-        held.held[1, i] += (
-            (a1 * f2 - a2 * f1) * n0 + (a2 * f0 - a0 * f2) * n1 + (a0 * f1 - a1 * f0) * n2
-        ) / square
-        held.held[2, i] += (f0 * n0 + f1 * n1 + f2 * n2) / square
+        out[i, 0] += ((f1 * b2 - f2 * b1) * n0 + (f2 * b0 - f0 * b2) * n1 + (f0 * b1 - f1 * b0) * n2) / square
+        out[i, 1] += ((a1 * f2 - a2 * f1) * n0 + (a2 * f0 - a0 * f2) * n1 + (a0 * f1 - a1 * f0) * n2) / square
+        out[i, 2] += (f0 * n0 + f1 * n1 + f2 * n2) / square
         held.absorbed[i] += work.heat[i]
 
 
 @numba.njit(cache=True, error_model="numpy")
 def bounce(
-    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, x: Floats, e: Floats, gone: Integers, t: float
+    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, patch: Patch, x: Floats, gone: Integers, t: float
 ) -> None:
-    """Add the light reflected within the sail to the held light, right after its refresh; sides e (6, t), x (3, n).
+    """Add the light reflected within the sail, right after `optical.respond`, to the coefficients in a patch of it all.
 
-    gone (t,): not 0 for removed triangles, or empty. t: time in s of these positions.
+    x (3, n): nodes; gone (t,): not 0 for removed triangles, or empty. t: time in s of these positions.
     """
     refit(mirror.tree, x, light.corners, work.boxes)
     for i in range(work.heat.size):
@@ -224,7 +228,7 @@ def bounce(
         work.account[k] = 0.0
     angle = polarisation.azimuth(mirror.polariser, x, t)
     for i in range(work.heat.size):
-        power = _first(mirror, work, light, held, i, angle) * held.incident[i]
+        power = _first(mirror, work, light, held, patch.frame, i, angle) * held.incident[i]
         if power > 0.0:
-            _send(mirror, work, light, held, x, i, power, gone)
-    _hold(work, held, e)
+            _send(mirror, work, light, held, patch.frame, x, i, power, gone)
+    _hold(work, held, patch)

@@ -21,6 +21,7 @@ from dynamics.kernels import elements
 from dynamics.kernels.elastic import Floats, Indices, Integers
 from dynamics.kernels.elements import GUARD
 from dynamics.kernels.streams import by_row
+from dynamics.kernels.triangles import Patch
 
 Places = NDArray[np.uint64]
 
@@ -70,7 +71,8 @@ class Scratch(NamedTuple):
     3, f, 3, 3, w): forces on the corners of the triangles of two rows, and zeros; ends (threads, 3, k, 3, w): of edges,
     on their first end. push, force (threads, 3, w): of the light and on nodes. bands (b, 3): the light's force on the
     rows of a band in N. bad (threads,): how many elements failed. shares (threads + 1,): the bands of each thread.
-    found (threads, s, 4): see `optical.respond`. board, orders: see `crew`.
+    found, seen (threads, 2, 2): see `optical.respond`. sides (k, 6, c), frame (k, 10, c), response (k, c, 4): patches
+    of triangles, see `triangles.Patch`. board, orders: see `crew`.
     """
 
     x: Floats
@@ -84,6 +86,10 @@ class Scratch(NamedTuple):
     bad: Integers
     shares: Integers
     found: Integers
+    seen: Floats
+    sides: Floats
+    frame: Floats
+    response: Floats
     board: Integers
     orders: Floats
 
@@ -170,17 +176,41 @@ def stiffen(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def hold(stencil: Stencil, held: Floats, out: Floats) -> None:
-    """Held coefficients (3, t) to their places in out (f, 3, p), along the sides from the first corner here."""
-    h0, h1, h2 = held[0], held[1], held[2]
+def hold(stencil: Stencil, values: Floats, begin: int, at: int, n: int, out: Floats) -> None:
+    """Held coefficients of n triangles from `begin` on to their places in out (f, 3, p).
+
+    values (·, ≥ 3), from line `at` on: along the sides from the triangle's first corner and across; out: along those
+    from the first corner here.
+    """
     flat, size = out.reshape(-1), stencil.per_mass.size
-    for i in range(stencil.cells.size):
-        # Place i of family f is (f, 0, i) of out
-        k = stencil.cells[i] + 2 * size * (stencil.cells[i] // size)
-        turn, a, b = stencil.turns[i], h0[i], h1[i]
+    for i in range(n):
+        k, turn = _held_place(stencil, begin + i), stencil.turns[begin + i]
+        a, b = values[at + i, 0], values[at + i, 1]
         flat[k] = a if turn == 0 else (b if turn == 1 else -a - b)
         flat[k + size] = b if turn == 0 else (-a - b if turn == 1 else a)
-        flat[k + 2 * size] = h2[i]
+        flat[k + 2 * size] = values[at + i, 2]
+
+
+@numba.njit(cache=True, inline="always")
+def _held_place(stencil: Stencil, i: int) -> int:
+    """Where the first coefficient of triangle i lies: place k of family f is (f, 0, k) of (f, 3, p)."""
+    size = stencil.per_mass.size
+    return int(stencil.cells[i]) + 2 * size * (int(stencil.cells[i]) // size)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def drop(stencil: Stencil, i: int, out: Floats) -> None:
+    """No held light on triangle i of out (f, 3, p)."""
+    k, flat = _held_place(stencil, i), out.reshape(-1)
+    for c in range(3):
+        flat[k + c * stencil.per_mass.size] = 0.0
+
+
+@numba.njit(cache=True, inline="always")
+def patch(scratch: Scratch, thread: int) -> Patch:
+    """Where a thread looks at triangles; all share one patch where that holds the whole sail."""
+    k = min(thread, scratch.sides.shape[0] - 1)
+    return Patch(scratch.sides[k], scratch.frame[k], scratch.response[k])
 
 
 @by_row(forceinline=True)

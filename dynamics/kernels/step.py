@@ -16,7 +16,6 @@ from dynamics.kernels import (
     damping,
     elastic,
     failure,
-    optical,
     properties,
     record,
     reflections,
@@ -24,7 +23,6 @@ from dynamics.kernels import (
     stencil,
     tearing,
     thermal,
-    triangles,
 )
 from dynamics.kernels.beam import ramp
 from dynamics.kernels.crew import dismiss, respond_all, sweep_all
@@ -33,6 +31,13 @@ from dynamics.kernels.flown import Model, Work
 from dynamics.kernels.integrators import RK4, VERLET, State, accumulate, advance, advance_heat, copy
 from dynamics.kernels.spin import foresee, kick
 from dynamics.kernels.stencil import Pace
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _darken(model: Model, work: Work) -> None:
+    """No light on the triangles that are gone."""
+    for i in range(work.broken.gone.size):
+        tearing.darken(work.broken, work.light, model.stencil, work.stencil.held, i)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -47,20 +52,18 @@ def _light_up(model: Model, work: Work, x: Floats, v: Floats, temperature: Float
         foresee(model.masses, x, v, ahead, work.ahead)
     else:
         copy(x, work.ahead)
-    triangles.sides(work.ahead, model.triangles.corners, work.sides)
     properties.absorb(model.curves.absorption, model.light.corners, temperature, work.light.absorptance)
-    optical.prepare(model.light, work.light, work.sides)
-    respond_all(model.light, work.light, work.ahead, work.stencil.scratch)
-    optical.finish(model.light, work.light)
+    respond_all(model.light, work.light, work.ahead, model.stencil, work.stencil)
     if work.light.outside[2] > 0 or (work.light.outside[0] > 0 and not model.light.clamp):
         return failure.LEFT_TABLE
-    for i in range(work.broken.gone.size):
-        tearing.darken(work.broken, work.light, i)
+    _darken(model, work)
     if model.mirror.kind.size > 0:
+        patch = stencil.patch(work.stencil.scratch, 0)
         reflections.bounce(
-            model.mirror, work.mirror, model.light, work.light, work.ahead, work.sides, work.broken.gone, t + ahead
+            model.mirror, work.mirror, model.light, work.light, patch, work.ahead, work.broken.gone, t + ahead
         )
-    stencil.hold(model.stencil, work.light.held, work.stencil.held)
+        stencil.hold(model.stencil, patch.response, 0, 0, model.stencil.cells.size, work.stencil.held)
+        _darken(model, work)
     work.flags[0] = 1
     return failure.INTACT
 
@@ -68,19 +71,17 @@ def _light_up(model: Model, work: Work, x: Floats, v: Floats, temperature: Float
 @numba.njit(cache=True, error_model="numpy")
 def warm_up(model: Model, work: Work, x: Floats, temperature: Floats, t: float) -> int:
     """Free lengths at new temperatures; INTACT, THERMAL or NON_FINITE."""
-    sheet.grow(model.sheet, model.triangles.corners, temperature, work.sheet.free)
-    properties.grow(
-        model.curves.expansion, model.sheet, model.triangles.corners, temperature, work.sheet.free
-    )
+    layout, corners = model.stencil, model.triangles.corners
+    sheet.grow(model.sheet, layout, corners, temperature, work.stencil.free)
+    properties.grow(model.curves.expansion, model.sheet, layout, corners, temperature, work.stencil.free)
     elastic.free_lengths(model.springs, temperature, work.free)
-    if model.sheet.expansion.size > 0 or model.curves.expansion.region.size > 0:
-        stencil.spread(work.sheet.free, model.stencil.slots, work.stencil.free)
     if model.springs.expansion.size > 0:
         stencil.spread(work.free, model.stencil.joins, work.stencil.lengths)
     code, found = failure.first_burnt(model.springs, model.heat.limit, model.heat.lowest, temperature)
     if code == failure.THERMAL and work.broken.failed.size > 0:
         tearing.burn(
-            work.broken, model.sheet, work.sheet, model.heat, work.heat, work.light, model.springs, x, temperature, t
+            work.broken, model.sheet, work.sheet, model.heat, work.heat, work.light, layout, work.stencil.held,
+            model.springs, x, temperature, t,
         )
         lay_out(model, work)
         return failure.INTACT
@@ -90,13 +91,11 @@ def warm_up(model: Model, work: Work, x: Floats, temperature: Floats, t: float) 
 
 @numba.njit(cache=True, error_model="numpy")
 def lay_out(model: Model, work: Work) -> None:
-    """To the stencil what changes as triangles fail: what they carry, and the light on them."""
+    """To the stencil what triangles carry, which changes as they fail."""
     carried = work.sheet
     stencil.stiffen(
         model.stencil, model.sheet.cotangent, carried.modulus, carried.shear, carried.limit, work.stencil
     )
-    if model.lit:
-        stencil.hold(model.stencil, work.light.held, work.stencil.held)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -110,13 +109,16 @@ def _pull(model: Model, work: Work, x: Floats, t: float, gain: float) -> int:
         code, work.flags[1] = failure.first_torn(model.springs, x, work.free)
         return code
     if work.broken.failed.size == 0:
-        torn, finite = sheet.first_torn(model.sheet, work.sheet, model.springs, x)
+        torn, finite = sheet.first_torn(
+            model.sheet, work.sheet, model.stencil, work.stencil.free, model.triangles.corners, x
+        )
         if torn < 0:
             return failure.INTACT
         work.flags[1] = torn
         return failure.TENSILE if finite else failure.NON_FINITE
     code, work.flags[1] = tearing.tear(
-        work.broken, model.sheet, work.sheet, work.heat, work.light, model.springs, x, t
+        work.broken, model.sheet, work.sheet, work.heat, work.light, model.stencil, work.stencil, model.springs,
+        model.triangles.corners, x, t,
     )
     lay_out(model, work)
     sweep_all(model.stencil, work.stencil, 0, still)
@@ -166,14 +168,13 @@ def evaluate(
             work.acceleration
         )
     if heating:
-        triangles.sides(x, model.triangles.corners, work.sides)
         properties.update(
             model.curves, model.triangles.corners, temperature, work.broken.gone, work.heat.emission,
             work.heat.conductance, work.heat.per_capacity,
         )
         thermal.rates(
-            model.heat, work.heat, model.springs, model.triangles.slots, work.sides, temperature, work.light.absorbed,
-            gain,
+            model.heat, work.heat, model.springs, model.triangles.corners, stencil.patch(work.stencil.scratch, 0), x,
+            temperature, work.light.absorbed, gain,
         )
     return failure.INTACT
 
@@ -275,23 +276,24 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int)
 @numba.njit(cache=True, error_model="numpy")
 def write_row(model: Model, state: State, work: Work, n: int, row: Floats) -> int:
     """One row (WIDTH,) about the state at step n; INTACT, FLY_AWAY or NON_FINITE."""
+    layout, corners, patch = model.stencil, model.triangles.corners, stencil.patch(work.stencil.scratch, 0)
     for i in range(row.size):
         row[i] = 0.0
     row[0] = (n - model.release) * model.dt
     record.motion(model.masses, model.rest, state.x, state.v, row)
     if model.sheet.modulus.size > 0:
         row[28], row[29], row[31] = sheet.strain_and_energy(
-            model.sheet, work.sheet, model.springs, state.x
+            model.sheet, work.sheet, layout, work.stencil.free, corners, state.x, patch
         )
     else:
         row[28], row[29], row[31] = elastic.strain_and_energy(model.springs, state.x, work.free)
     if model.warm:
         record.warmth(model.triangles, state.temperature, row)
-        row[34] = thermal.radiated(work.heat.emitting, model.triangles.slots, state.temperature, model.heat.background)
+        row[34] = thermal.radiated(
+            work.heat.emission, state.x, corners, patch, state.temperature, model.heat.background
+        )
     if work.gain[0] > 0.0:
-        triangles.sides(state.x, model.triangles.corners, work.sides)
-        optical.turn(work.light, work.sides, work.gain[0])
-        record.illumination(model.light, work.light, state.x, work.gain[0], row)
+        record.illumination(model.light, work.light, layout, work.stencil.held, state.x, work.gain[0], row)
         row[45] = work.gain[0] * work.mirror.account[reflections.LEAVES]
     for c in range(3):
         row[41 + c] = state.impulse[c]

@@ -8,11 +8,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.kernels import sheet
-from dynamics.kernels.elastic import Floats, Springs
+from dynamics.kernels import sheet, stencil
+from dynamics.kernels.elastic import Floats, Indices, Springs
 from dynamics.kernels.failure import INTACT, NON_FINITE
 from dynamics.kernels.optical import LightWork
 from dynamics.kernels.sheet import Sheet, SheetWork
+from dynamics.kernels.stencil import Stencil, StencilWork
 from dynamics.kernels.thermal import Heat, HeatWork
 
 #: What a failure does: it ends the flight, is counted, or takes the triangle out of the sail.
@@ -49,7 +50,10 @@ def _note(broken: Broken, i: int, kind: int, t: float, x: Floats, springs: Sprin
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _remove(broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: LightWork, i: int) -> None:
+def _remove(
+    broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: LightWork, layout: Stencil, held: Floats,
+    i: int,
+) -> None:
     """Take triangle i out: it carries, absorbs, reflects, emits and conducts nothing any more."""
     size = model.modulus.size
     broken.gone[i] = 1
@@ -63,44 +67,43 @@ def _remove(broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light
             for place in model.slots[:, side]:
                 if place < 3 * size and broken.gone[place % size] == 0:
                     heat.conductance[side] += broken.conductance[place]
-    darken(broken, light, i)
+    darken(broken, light, layout, held, i)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def darken(broken: Broken, light: LightWork, i: int) -> None:
-    """No light on triangle i, where there is light and the triangle is gone."""
-    if light.incident.size > 1 and broken.gone[i] != 0:
+def darken(broken: Broken, light: LightWork, layout: Stencil, held: Floats, i: int) -> None:
+    """No light on triangle i, where there is light and the triangle is gone; held (f, 3, p) as in the stencil."""
+    if light.incident.size > 0 and broken.gone[i] != 0:
         light.incident[i], light.absorbed[i] = 0.0, 0.0
-        for c in range(3):
-            light.held[c, i] = 0.0
+        stencil.drop(layout, i, held)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def tear(
-    broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: LightWork, springs: Springs, x: Floats,
-    t: float,
+    broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: LightWork, layout: Stencil,
+    space: StencilWork, springs: Springs, corners: Indices, x: Floats, t: float,
 ) -> tuple[int, int]:
     """Note, and where asked remove, every triangle above its strength at nodes x (3, n) and time t in s.
 
     Returns (NON_FINITE, triangle) if one is not finite, else (INTACT, −1).
     """
-    bad, finite = sheet.first_torn(model, work, springs, x)
+    bad, finite = sheet.first_torn(model, work, layout, space.free, corners, x)
     if not finite:
         return NON_FINITE, bad
     for i in range(work.limit.size):
-        if sheet.tears(model, work, i):
+        if sheet.tears(model, work, sheet.excess(layout, space.free, corners, x, i), i):
             work.limit[i] = np.inf
             if broken.failed[i] == 0:
                 _note(broken, i, BY_STRESS, t, x, springs, model.sides[i])
             if broken.gone.size > 0:
-                _remove(broken, model, work, heat, light, i)
+                _remove(broken, model, work, heat, light, layout, space.held, i)
     return INTACT, -1
 
 
 @numba.njit(cache=True, error_model="numpy")
 def burn(
-    broken: Broken, model: Sheet, work: SheetWork, limits: Heat, heat: HeatWork, light: LightWork, springs: Springs,
-    x: Floats, temperature: Floats, t: float,
+    broken: Broken, model: Sheet, work: SheetWork, limits: Heat, heat: HeatWork, light: LightWork, layout: Stencil,
+    held: Floats, springs: Springs, x: Floats, temperature: Floats, t: float,
 ) -> None:
     """The same for triangles with a side whose mean temperature is above its limit."""
     size = model.modulus.size
@@ -113,4 +116,4 @@ def burn(
                 if broken.gone.size > 0:
                     if work.limit.size > 0:
                         work.limit[i] = np.inf
-                    _remove(broken, model, work, heat, light, i)
+                    _remove(broken, model, work, heat, light, layout, held, i)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from dynamics.kernels.elastic import Floats, Indices, Springs, difference, negate
-from dynamics.kernels.triangles import node_sum, weighted_areas
+from dynamics.kernels.elastic import Floats, Indices, Springs
+from dynamics.kernels.triangles import Patch, sides, weighted_areas
 
 
 class Heat(NamedTuple):
@@ -30,67 +30,82 @@ class Heat(NamedTuple):
 
 
 class HeatWork(NamedTuple):
-    """Work space: rate (n,) in K/s, emitting (t + 1,): emission × current area, flow (2e + 1,) in W; last entries 0.
+    """Work space: rate (n,) in K/s; emission (t,), conductance (e,) and per_capacity (n,) as they are now.
 
-    emission (t,), conductance (e,): those of the sail as it is now, without what has been removed.
-    per_capacity (n,): nodes keep the heat capacity that they had.
+    The last three are the model's own arrays where nothing can change them. Of what has been removed there is neither
+    emission nor conductance, but nodes keep the heat capacity that they had.
     """
 
     rate: Floats
-    emitting: Floats
-    flow: Floats
     emission: Floats
     conductance: Floats
     per_capacity: Floats
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _absorb(slots: Indices, absorbed: Floats, gain: float, rate: Floats) -> None:
+def _absorb(corners: Indices, absorbed: Floats, gain: float, rate: Floats) -> None:
     """One third of the power absorbed in each triangle to each corner."""
-    for i in range(rate.size):
-        rate[i] += node_sum(slots, absorbed, i) * gain / 3.0
+    c0, c1, c2 = corners[0], corners[1], corners[2]
+    for i in range(absorbed.size):
+        third = absorbed[i] * gain / 3.0
+        rate[c0[i]] += third
+        rate[c1[i]] += third
+        rate[c2[i]] += third
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _emitting(emission: Floats, x: Floats, corners: Indices, patch: Patch, begin: int) -> tuple[int, Floats]:
+    """Emission × current area of the triangles from `begin` on that fill a patch: how many, and the array."""
+    n, out = min(patch.sides.shape[1], emission.size - begin), patch.frame[0]
+    sides(x, corners, begin, n, 0, patch.sides)
+    weighted_areas(patch.sides, emission[begin : begin + n], out)
+    return n, out
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _emit(
-    emission: Floats, emitting: Floats, sides: Floats, slots: Indices, temperature: Floats, background: float,
-    rate: Floats,
+    emission: Floats, x: Floats, corners: Indices, patch: Patch, temperature: Floats, background: float, rate: Floats
 ) -> None:
     """Stefan–Boltzmann emission σ (ε_f + ε_b) A (T⁴ − T_bg⁴) with one third of the current areas at each node."""
-    weighted_areas(sides, emission, emitting)
-    for i in range(rate.size):
-        square = temperature[i] * temperature[i]
-        rate[i] -= node_sum(slots, emitting, i) * (square * square - background)
+    begin = 0
+    while begin < emission.size:
+        n, share = _emitting(emission, x, corners, patch, begin)
+        for i in range(n):
+            for c in range(3):
+                node = corners[c, begin + i]
+                square = temperature[node] * temperature[node]
+                rate[node] -= share[i] * (square * square - background)
+        begin += n
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _conduct(conductance: Floats, springs: Springs, temperature: Floats, flow: Floats, rate: Floats) -> None:
+def _conduct(conductance: Floats, springs: Springs, temperature: Floats, rate: Floats) -> None:
     """Flow G (T_b − T_a) along each edge into its start, and out of its end."""
-    difference(temperature, springs.start, springs.end, flow)
+    start, end = springs.start, springs.end
     for e in range(conductance.size):
-        flow[e] *= conductance[e]
-    negate(flow, conductance.size)
-    for i in range(rate.size):
-        rate[i] += node_sum(springs.slots, flow, i)
+        a, b = start[e], end[e]
+        flow = conductance[e] * (temperature[b] - temperature[a])
+        rate[a] += flow
+        rate[b] -= flow
 
 
 @numba.njit(cache=True, error_model="numpy")
 def rates(
-    heat: Heat, work: HeatWork, springs: Springs, slots: Indices, sides: Floats, temperature: Floats,
+    heat: Heat, work: HeatWork, springs: Springs, corners: Indices, patch: Patch, x: Floats, temperature: Floats,
     absorbed: Floats, gain: float,
 ) -> None:
-    """work.rate (n,) in K/s of nodes at `temperature` (n,).
+    """work.rate (n,) in K/s of nodes x (3, n) at `temperature` (n,).
 
-    slots (d, n): triangles at each node; sides (6, t): of the triangles now; absorbed (t + 1,) in W at full ramp.
+    corners (3, t): nodes of the triangles; patch: to work in; absorbed (t,) in W at full ramp.
     """
     for i in range(work.rate.size):
         work.rate[i] = 0.0
     if heat.absorbs and gain > 0.0:
-        _absorb(slots, absorbed, gain, work.rate)
+        _absorb(corners, absorbed, gain, work.rate)
     if heat.emission.size > 0:
-        _emit(work.emission, work.emitting, sides, slots, temperature, heat.background, work.rate)
+        _emit(work.emission, x, corners, patch, temperature, heat.background, work.rate)
     if heat.conductance.size > 0:
-        _conduct(work.conductance, springs, temperature, work.flow, work.rate)
+        _conduct(work.conductance, springs, temperature, work.rate)
     for i in range(work.rate.size):
         work.rate[i] *= work.per_capacity[i]
 
@@ -106,10 +121,16 @@ def hottest(temperature: Floats) -> float:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def radiated(emitting: Floats, slots: Indices, temperature: Floats, background: float) -> float:
-    """Net power in W that the sail emits, with the areas of the latest heat update."""
-    power = 0.0
-    if emitting.size > 0:
-        for i in range(temperature.size):
-            power += node_sum(slots, emitting, i) * (temperature[i] ** 4 - background)
+def radiated(
+    emission: Floats, x: Floats, corners: Indices, patch: Patch, temperature: Floats, background: float
+) -> float:
+    """Net power in W that the sail emits."""
+    power, begin = 0.0, 0
+    while begin < emission.size:
+        n, share = _emitting(emission, x, corners, patch, begin)
+        for i in range(n):
+            for c in range(3):
+                square = temperature[corners[c, begin + i]] * temperature[corners[c, begin + i]]
+                power += share[i] * (square * square - background)
+        begin += n
     return power

@@ -1,4 +1,4 @@
-"""Triangles of the mesh: their sides and areas as they are now, and sums over the triangles that meet at a node."""
+"""Triangles of the mesh: their sides and areas as they are now."""
 
 from __future__ import annotations
 
@@ -11,20 +11,36 @@ from dynamics.kernels.elastic import Floats, Indices
 
 
 class Triangles(NamedTuple):
-    """Node indices corners (3, t); slots (d, n): triangles that meet at each node, padded with t; masses (t,) in kg."""
+    """Node indices corners (3, t); masses (t,) in kg."""
 
     corners: Indices
-    slots: Indices
     masses: Floats
 
 
+class Patch(NamedTuple):
+    """Triangles that are looked at together, few enough for the first cache: c of them, or all where rays are traced.
+
+    sides (6, c): two sides, as in `triangles.sides`. frame (10, c): n (3), double area, 1/|e₁|, e₂·ê₁, the z components
+    of ê₁ and n × ê₁, u, v. response (c, 4): q_g, q_r, q_n, absorptance.
+    """
+
+    sides: Floats
+    frame: Floats
+    response: Floats
+
+
 @numba.njit(cache=True, error_model="numpy")
-def sides(x: Floats, corners: Indices, out: Floats) -> None:
-    """First and last side of each triangle: out[:3] = x₁ − x₀, out[3:] = x₂ − x₀ (6, t) of nodes x (3, n)."""
-    x0, x1, x2 = x[0], x[1], x[2]
-    a0, a1, a2, b0, b1, b2 = out[0], out[1], out[2], out[3], out[4], out[5]
-    c0, c1, c2 = corners[0], corners[1], corners[2]
-    for i in range(c0.size):
+def sides(x: Floats, corners: Indices, begin: int, n: int, at: int, out: Floats) -> None:
+    """First and last side of n triangles from `begin` on, from column `at` of out (6, ·) on, of nodes x (3, n).
+
+    out[:3] = x₁ − x₀, out[3:] = x₂ − x₀.
+    """
+    x0, x1, x2, end, last = x[0], x[1], x[2], at + n, begin + n
+    a0, a1, a2, b0, b1, b2 = (
+        out[0, at:end], out[1, at:end], out[2, at:end], out[3, at:end], out[4, at:end], out[5, at:end],
+    )
+    c0, c1, c2 = corners[0, begin:last], corners[1, begin:last], corners[2, begin:last]
+    for i in range(n):
         p = c0[i]
         q = c1[i]
         s = c2[i]
@@ -38,22 +54,13 @@ def sides(x: Floats, corners: Indices, out: Floats) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def weighted_areas(e: Floats, weight: Floats, out: Floats) -> None:
-    """Out (≥ t,) = weight (t,) × area of triangles with sides e (6, t)."""
+    """Out (≥ n,) = weight (n,) × area of the first n triangles with sides e (6, ·)."""
     a0, a1, a2, b0, b1, b2 = e[0], e[1], e[2], e[3], e[4], e[5]
-    for i in range(a0.size):
+    for i in range(weight.size):
         c0 = a1[i] * b2[i] - a2[i] * b1[i]
         c1 = a2[i] * b0[i] - a0[i] * b2[i]
         c2 = a0[i] * b1[i] - a1[i] * b0[i]
         out[i] = weight[i] * 0.5 * math.sqrt(c0 * c0 + c1 * c1 + c2 * c2)
-
-
-@numba.njit(cache=True, inline="always")
-def node_sum(slots: Indices, source: Floats, node: int) -> float:
-    """Sum of the entries of source (·,) listed in slots (d, n) for one node."""
-    total = 0.0
-    for j in range(slots.shape[0]):
-        total += source[slots[j, node]]
-    return total
 
 
 @numba.njit(cache=True, error_model="numpy")

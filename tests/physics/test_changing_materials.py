@@ -10,7 +10,7 @@ from scipy.sparse import diags
 from scipy.sparse.linalg import eigsh
 
 from dynamics import model
-from dynamics.kernels import properties, thermal
+from dynamics.kernels import properties, stencil, thermal
 from dynamics.lattice import STABILITY, highest_frequency, lattice, sheet_matrix
 from dynamics.membrane import Flight, fly
 from dynamics.mesh import sail_mesh
@@ -312,7 +312,8 @@ def test_the_bound_of_heat_is_that_of_its_explicit_steps(tmp_path: Path):
         work = flight.work
         for _ in range(200):
             thermal.rates(
-                m, work.heat, flight.model.springs, flight.model.triangles.slots, work.sides, flight.state.temperature,
+                m, work.heat, flight.model.springs, flight.model.triangles.corners,
+                stencil.patch(work.stencil.scratch, 0), flight.state.x, flight.state.temperature,
                 work.light.absorbed, 0.0,
             )
             flight.state.temperature[:] += flight.model.dt * work.heat.rate

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import lsqr
 
 from dynamics import lattice, rigid
 from dynamics.attitude import rotation_from_angles
-from dynamics.kernels import optical, thermal, triangles
+from dynamics.kernels import optical, stencil, thermal
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.kernels.record import COLUMNS
 from dynamics.membrane import Flight, fly
@@ -193,7 +193,8 @@ def test_conduction_moves_heat_without_making_any_and_spares_linear_fields(tmp_p
     m, work = flight.model, flight.work
     flight.state.temperature[:] = 300.0 + m.rest[0] * 50.0 - m.rest[1] * 20.0
     thermal.rates(
-        m.heat, work.heat, m.springs, m.triangles.slots, work.sides, flight.state.temperature, work.light.absorbed, 0.0
+        m.heat, work.heat, m.springs, m.triangles.corners, stencil.patch(work.stencil.scratch, 0), flight.state.x,
+        flight.state.temperature, work.light.absorbed, 0.0,
     )
     flow = work.heat.rate / m.heat.per_capacity
     inner = np.hypot(*m.rest[:2]) < 0.49
@@ -275,13 +276,17 @@ def test_both_incidence_models_agree_without_yaw_and_differ_with_it(tmp_path: Pa
     assert not np.allclose(force("sail_frame", 0.8), force("yaw_blind", 0.8), rtol=1e-2)
 
 
+def held_forces(flight: Flight, x: np.ndarray) -> np.ndarray:
+    """Forces (3, t) of the held light with the nodes at x (3, n)."""
+    light, layout, held = flight.model.light, flight.model.stencil, flight.work.stencil.held
+    return np.array([optical.force(light, layout, held, x, i) for i in range(light.corners.shape[1])]).T
+
+
 def test_a_held_force_turns_with_its_triangle(tmp_path: Path):
     flight, _ = pose(small(), tmp_path, 0.05, 0.03, 0.2)
-    before = flight.work.light.force[:, :-1].copy()
-    turn = rotation_from_angles(0.1, -0.2, 0.4)
-    triangles.sides(np.ascontiguousarray(turn @ flight.state.x), flight.model.triangles.corners, flight.work.sides)
-    optical.turn(flight.work.light, flight.work.sides, 1.0)
-    assert np.allclose(flight.work.light.force[:, :-1], turn @ before, rtol=1e-12, atol=1e-18)
+    before, turn = held_forces(flight, flight.state.x), rotation_from_angles(0.1, -0.2, 0.4)
+    after = held_forces(flight, np.ascontiguousarray(turn @ flight.state.x))
+    assert np.allclose(after, turn @ before, rtol=1e-12, atol=1e-18)
 
 
 def test_forces_held_for_many_steps_do_not_brake_the_spin():

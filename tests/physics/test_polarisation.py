@@ -18,7 +18,7 @@ from optics.cells import ThinFilm
 from optics.files import InputError
 from optics.table import PressureTable
 from optics.thin_film import amplitudes, make_table, polarised, stack
-from tests.membranes import dark, film
+from tests.membranes import dark, film, normals
 from tests.mirrors import BOWL, WIDE, force, lit
 
 FACES = {"outline": "square"}
@@ -215,13 +215,13 @@ def crumpled(x: np.ndarray) -> np.ndarray:
 def test_no_polarised_power_is_lost_or_made(tmp_path: Path, tables: dict[str, PressureTable]):
     """Incident = absorbed + passed through + leaving + given up, to rounding, on a crumpled bowl."""
     flight, row = tracked(tmp_path, tables, "glassy", 20.0, sail=BOWL, rings=5, shape=crumpled)
-    account, frame, power = flight.work.mirror.account, flight.work.light.frame, flight.work.light.incident[:-1]
+    account, normal, power = flight.work.mirror.account, normals(flight), flight.work.light.incident
     shares = np.empty((2, power.size))
     for i in range(power.size):
         field = np.array([[np.cos(np.radians(20.0)), np.sin(np.radians(20.0)), 0.0], [0.0, 0.0, 0.0]])
         m = flight.model
-        found = polarisation.film(m.mirror.polariser, m.light, 0, m.mirror.last[0], -1.0, i, abs(frame[2, i]))
-        shares[:, i] = polarisation.reflect(found, np.array([0.0, 0.0, 1.0]), frame[:3, i].copy(), field)
+        found = polarisation.film(m.mirror.polariser, m.light, 0, m.mirror.last[0], -1.0, i, abs(normal[2, i]))
+        shares[:, i] = polarisation.reflect(found, np.array([0.0, 0.0, 1.0]), normal[:, i].copy(), field)
     sent = account[[reflections.LEAVES, reflections.THROUGH, reflections.ABSORBED, reflections.GIVEN_UP]].sum()
     assert sent == pytest.approx(shares[0] @ power, rel=1e-12)
     absorbed = shares[1] @ power + account[reflections.ABSORBED]

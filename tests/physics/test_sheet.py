@@ -13,7 +13,7 @@ from scipy.special import j0, j1, jn_zeros
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from dynamics import lattice
-from dynamics.kernels import tearing, thermal
+from dynamics.kernels import stencil, tearing, thermal
 from dynamics.kernels.record import WIDTH
 from dynamics.kernels.step import run
 from dynamics.materials import MATERIALS
@@ -333,8 +333,8 @@ def test_half_a_strip_conducts_half_as_much(tmp_path: Path):
     def flow() -> float:
         """W into the half x < 0, which touches x = 0 along edges only."""
         thermal.rates(
-            model.heat, work.heat, model.springs, model.triangles.slots, work.sides, state.temperature,
-            work.light.absorbed, 0.0,
+            model.heat, work.heat, model.springs, model.triangles.corners, stencil.patch(work.stencil.scratch, 0),
+            state.x, state.temperature, work.light.absorbed, 0.0,
         )
         return float(np.sum((capacity * work.heat.rate)[left]))
 
@@ -343,7 +343,8 @@ def test_half_a_strip_conducts_half_as_much(tmp_path: Path):
     for half, share in ((1.0, 0.5), (-1.0, 0.0)):
         work.sheet.limit[half * model.rest[1][model.triangles.corners].mean(axis=0) > 0.0] = -1.0
         tearing.tear(
-            work.broken, model.sheet, work.sheet, work.heat, work.light, model.springs, state.x, 0.0
+            work.broken, model.sheet, work.sheet, work.heat, work.light, model.stencil, work.stencil, model.springs,
+            model.triangles.corners, state.x, 0.0,
         )
         assert flow() == pytest.approx(share * 3.0 * 400e-9 * breadth * 100.0, rel=1e-12)
     assert work.broken.gone.all()

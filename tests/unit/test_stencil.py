@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynamics import membrane
-from dynamics.kernels import optical, sheet, stencil, triangles
+from dynamics.kernels import sheet, stencil
 from dynamics.kernels.crew import dismiss
 from dynamics.membrane import Flight
 from dynamics.shapes import lattice_points
@@ -51,7 +51,7 @@ def test_no_triangle_tears_unless_the_stencil_says_it_may(tmp_path: Path):
     for _ in range(300):
         stretch = np.eye(3) + rng.uniform(0.0, 0.1) * rng.uniform(-1.0, 1.0, (3, 3))
         x = np.ascontiguousarray(stretch @ m.rest)
-        fails = sheet.first_torn(m.sheet, w.sheet, m.springs, x)[0] >= 0
+        fails = sheet.first_torn(m.sheet, w.sheet, m.stencil, w.stencil.free, m.triangles.corners, x)[0] >= 0
         torn += fails
         assert stencil_forces(flight, x)[1] > 0 or not fails
     assert 50 < torn < 250
@@ -74,16 +74,15 @@ def test_held_light_pushes_each_node_as_its_triangles_are_pushed(tmp_path: Path,
     flight = Flight(dark(5, sail={"outline": outline, "sectors": film()}, **lit), {}, tmp_path)
     m, w, rng = flight.model, flight.work, np.random.default_rng(0)
     x = m.rest + 1e-2 * rng.standard_normal(m.rest.shape)
-    w.light.held[...] = rng.standard_normal(w.light.held.shape)
-    stencil.hold(m.stencil, w.light.held, w.stencil.held)
+    held = rng.standard_normal((m.triangles.masses.size, 3))
+    stencil.hold(m.stencil, held, 0, 0, len(held), w.stencil.held)
     pulled, pushed, total = stencil_forces(flight, x)[0], stencil_forces(flight, x, 0.7)[0], np.zeros(3)
     stencil.add_up(w.stencil.scratch.bands, total)
-    triangles.sides(x, m.triangles.corners, w.sides)
-    optical.turn(w.light, w.sides, 0.7)
+    a, b, c = x.T[flight.membrane.mesh.triangles].transpose(1, 0, 2)
+    force = held[:, :1] * (b - a) + held[:, 1:2] * (c - a) + held[:, 2:] * np.cross(b - a, c - a)
     want = np.zeros_like(x)
     for corner in m.triangles.corners:
-        for c in range(3):
-            np.add.at(want[c], corner, w.light.force[c, :-1])
+        np.add.at(want.T, corner, 0.7 / 3.0 * force)
     assert np.abs(pushed - pulled - want).max() < 1e-14 * np.abs(pulled).max() + 1e-13 * np.abs(want).max()
     assert np.abs(total - want.sum(axis=1)).max() < 1e-13 * np.abs(want).max()
 

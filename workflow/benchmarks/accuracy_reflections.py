@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynamics.kernels import record, reflections, step
+from dynamics.kernels import record, reflections, stencil, step
 from dynamics.membrane import Flight
 from dynamics.sail import load_tables
 from dynamics.scene import Scene, read_scene
@@ -80,7 +80,8 @@ def trace(scene: Scene, tables: dict[str, PressureTable]) -> Trace:
     for _ in range(3):
         begin = time.process_time()
         reflections.bounce(
-            model.mirror, work.mirror, model.light, work.light, state.x, work.sides, work.broken.gone, 0.0
+            model.mirror, work.mirror, model.light, work.light, stencil.patch(work.stencil.scratch, 0), state.x,
+            work.broken.gone, 0.0,
         )
         seconds.append(time.process_time() - begin)
     return Trace(force, float(hottest), min(seconds))
@@ -91,7 +92,7 @@ def balance(flight: Flight) -> np.ndarray:
     mesh, emission = flight.membrane.mesh, flight.model.heat.emission
     corners = mesh.triangles.ravel()
     absorbed, emitted = (
-        np.bincount(corners, np.repeat(x, 3)) for x in (flight.work.light.absorbed[:-1], 3.0 * emission * mesh.areas)
+        np.bincount(corners, np.repeat(x, 3)) for x in (flight.work.light.absorbed, 3.0 * emission * mesh.areas)
     )
     return np.asarray(((absorbed / emitted) ** 0.25)[mesh.triangles].mean(axis=1))
 
