@@ -11,12 +11,14 @@ from dynamics.kernels import crew
 from dynamics.kernels.elastic import Springs
 from dynamics.kernels.elements import GUARD
 from dynamics.kernels.sheet import Sheet
-from dynamics.kernels.stencil import BAND, Families, Scratch, Stencil, StencilWork
+from dynamics.kernels.stencil import Families, Scratch, Stencil, StencilWork, clear
 from dynamics.mesh import Floats, Integers, Mesh
 from dynamics.shapes import lattice_points
 
-#: Where dead nodes lie in z, in m, as no sail ever does; and ℓ/L of springs that never tear.
-FAR, NEVER = -1e9, 1e300
+#: ℓ/L of springs that never tear.
+NEVER = 1e300
+#: Steps at once by one thread, and rows for each of them by several, which lose time at their seams.
+LEVELS, ROWS_A_LEVEL = 8, 8
 _LINE = int(GUARD)
 
 
@@ -56,7 +58,7 @@ def _families(steps: Integers, first: Integers, start: Integers) -> Families:
                 ahead[r, *place] = start[r + down] - start[r] + across + first[r] - first[r + down]
                 slot[r + down, *place] = r % 2
                 begin[r + down, *place] = _LINE + first[r + down] - first[r] - across
-    return Families(_unsigned(ahead, np.uint64), slot, _unsigned(begin, np.uint64))
+    return Families(_unsigned(ahead, np.uint64), slot, _unsigned(begin, np.uint64), steps[..., 0].copy())
 
 
 def layout(mesh: Mesh, outline: str, rings: int, masses: Floats) -> Stencil:
@@ -103,27 +105,41 @@ def with_springs(stencil: Stencil, springs: Springs) -> Stencil:
     )
 
 
-def scratch_space(stencil: Stencil, lit: bool, patch: int, patches: int, threads: int) -> Scratch:
-    """What lies between the passes over a row, for so many threads, and patches of so many triangles."""
-    across, p = int(stencil.width.max()) + 2 * _LINE, stencil.per_mass.size
-    springs, bands = stencil.stiffness.size > 0, -(-stencil.start.size // BAND)
-    f, k = stencil.triangles.ahead.shape[1], stencil.edges.ahead.shape[1]
-    x = aligned(2, 3, p)
-    x[:, 0], x[:, 2] = np.arange(p), FAR
-    done = np.cumsum(np.add.reduceat(stencil.width.astype(float), np.arange(0, stencil.start.size, BAND)))
+def _shares(width: NDArray[np.uint64], threads: int) -> Integers:
+    """First row of each thread, and the end (threads + 1,): about as many places each.
+
+    A thread looks at the row before its own: on sails of few rows it is the first threads that have none.
+    """
+    done, rows = np.cumsum(width.astype(float)), len(width)
     ends = [int(np.argmin(np.abs(done - done[-1] * j / threads))) + 1 for j in range(1, threads)]
-    # A thread looks at the row before its own: on sails of few bands it is the first threads that have none
-    shares = [0, *(min(end, bands - 1) for end in ends), bands]
-    return Scratch(
-        x=x, v=aligned(2, 3, p), acceleration=aligned(3, p),
-        corners=aligned(threads, 3, f, 3, 3, across) if lit or not springs else aligned(0, 0, 0, 0, 0, 0),
-        ends=aligned(threads, 3, k, 3, across) if springs else aligned(0, 0, 0, 0, 0),
-        push=aligned(threads, 3, across if lit else 0), force=aligned(threads, 3, across), bands=aligned(bands, 3),
-        bad=np.zeros(threads, np.int64), shares=np.array(shares), found=np.zeros((threads, 2, 2), np.int64),
-        seen=np.zeros((threads, 2, 2)), sides=np.zeros((patches, 6, patch)), frame=np.zeros((patches, 10, patch)),
-        response=np.zeros((patches, patch, 4)),
-        board=np.zeros(crew.BOARD, np.int64), orders=np.zeros(crew.ORDERS),
+    return np.array([0, *(min(end, rows - 1) for end in ends), rows])
+
+
+def scratch_space(
+    stencil: Stencil, lit: bool, patch: int, patches: int, threads: int, levels: int = LEVELS
+) -> Scratch:
+    """What lies between the passes over a row, for so many threads, and patches of so many triangles.
+
+    levels: steps that a sweep may take at once, where all threads have rows enough.
+    """
+    across, p, rows = int(stencil.width.max()) + 2 * _LINE, stencil.per_mass.size, stencil.start.size
+    springs, shares = stencil.stiffness.size > 0, _shares(stencil.width, threads)
+    f, k = stencil.triangles.ahead.shape[1], stencil.edges.ahead.shape[1]
+    if threads > 1:
+        levels = max(1, min(levels, int(np.diff(shares).min()) // ROWS_A_LEVEL))
+    scratch = Scratch(
+        x=aligned(2, 3, p), v=aligned(2, 3, p),
+        corners=aligned(*((threads, levels, 3, f, 3, 3, across) if lit or not springs else (0,) * 7)),
+        ends=aligned(*((threads, levels, 3, k, 3, across) if springs else (0,) * 6)),
+        push=aligned(threads, 3, across if lit else 0), force=aligned(threads, 3, across),
+        lanes=aligned(threads, 3, 8), sums=aligned(levels, rows, 3), bad=np.zeros(threads, np.int64), shares=shares,
+        found=np.zeros((threads, 2, 2), np.int64), seen=np.zeros((threads, 2, 2)),
+        sides=np.zeros((patches, 6, patch)), frame=np.zeros((patches, 10, patch)),
+        response=np.zeros((patches, patch, 4)), board=np.zeros(crew.BOARD, np.int64), orders=np.zeros(crew.ORDERS),
     )
+    for copy in range(2):
+        clear(scratch, copy)
+    return scratch
 
 
 def free_sides(stencil: Stencil, sheet: Sheet) -> Floats:

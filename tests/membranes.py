@@ -83,7 +83,7 @@ def stencil_forces(flight: Flight, x: np.ndarray, gain: float = 0.0) -> tuple[np
     stencil.lay(m.stencil.place, np.ascontiguousarray(x), work.scratch.x[0])
     bad = sweep_all(m.stencil, work, 0, stencil.Pace(False, 0.0, 0.0, 0.0, gain / 3.0))
     found = np.empty_like(x)
-    stencil.pick(m.stencil.place, work.scratch.acceleration, found)
+    stencil.pick(m.stencil.place, work.scratch.v[1], found)
     return found * m.masses, bad
 
 

@@ -2,7 +2,7 @@
 
 A step takes tens of microseconds, less than waking a thread does. What a thread does depends on no other, so results
 have the same bits for any number of them. The board (24,): the ticket of the latest work, what is to be done and with
-which source; then how many threads were done with it. Each at the start of a line of the cache.
+how; then how many threads were done with it. Each at the start of a line of the cache.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dynamics.kernels.elastic import Floats, Integers
 from dynamics.kernels.optical import Light, LightWork
 from dynamics.kernels.stencil import Pace, Stencil, StencilWork
 
-TICKET, TASK, SOURCE, DONE = 0, 8, 9, 16
+TICKET, TASK, SOURCE, MOVES, LEVELS, SEAM, DONE = 0, 8, 9, 10, 11, 12, 16
 LEAVE, SWEEP, RESPOND = range(3)
 BOARD, ORDERS = 24, 4
 #: Looks at the board, some hundred microseconds, before another process is let on the core: that may take milliseconds.
@@ -75,8 +75,8 @@ def _await(board: Integers, place: int, value: int) -> None:
 
 
 @numba.njit(cache=True)
-def _hand_out(board: Integers, task: int, source: int) -> None:
-    board[TASK], board[SOURCE] = task, source
+def _hand_out(board: Integers, task: int) -> None:
+    board[TASK] = task
     _add(board, TICKET, 1)
 
 
@@ -87,20 +87,31 @@ def _collect(board: Integers, others: int) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def sweep_all(layout: Stencil, work: StencilWork, source: int, pace: Pace) -> int:
-    """A sweep over all rows; how many elements may have failed or are not finite."""
+def _sweep_together(layout: Stencil, work: StencilWork, source: int, pace: Pace, levels: int, seam: bool) -> int:
+    """The sweep of each thread; how many elements may have failed. At the seams the first thread has nothing to do."""
     scratch = work.scratch
-    others = scratch.bad.size - 1
+    board, others = scratch.board, scratch.bad.size - 1
     if others > 0:
         scratch.orders[0], scratch.orders[1] = pace.close, pace.open
         scratch.orders[2], scratch.orders[3] = pace.dt, pace.share
-        _hand_out(scratch.board, SWEEP, 2 * source + (1 if pace.moves else 0))
-    stencil.sweep(layout, work, source, pace, 0, scratch.shares[0], scratch.shares[1])
+        board[SOURCE], board[MOVES], board[LEVELS], board[SEAM] = source, pace.moves, levels, seam
+        _hand_out(board, SWEEP)
+    if not seam:
+        stencil.sweep(layout, work, source, pace, 0, levels, False)
     if others > 0:
-        _collect(scratch.board, others)
+        _collect(board, others)
     bad = 0
-    for thread in range(others + 1):
+    for thread in range(1 if seam else 0, others + 1):
         bad += scratch.bad[thread]
+    return bad
+
+
+@numba.njit(cache=True, error_model="numpy")
+def sweep_all(layout: Stencil, work: StencilWork, source: int, pace: Pace, levels: int = 1) -> int:
+    """So many steps, at most those of the work space; how many elements may have failed or are not finite."""
+    bad = 0
+    for turn in range(2 if levels > 1 and work.scratch.bad.size > 1 else 1):
+        bad += _sweep_together(layout, work, source, pace, levels, turn == 1)
     return bad
 
 
@@ -116,7 +127,7 @@ def respond_all(light: Light, work: LightWork, x: Floats, layout: Stencil, space
     scratch = space.scratch
     threads, size = scratch.bad.size, light.corners.shape[1]
     if threads > 1:
-        _hand_out(scratch.board, RESPOND, 0)
+        _hand_out(scratch.board, RESPOND)
     begin, end = _part(size, 0, threads)
     optical.respond(
         light, work, stencil.patch(scratch, 0), layout, x, begin, end, scratch.found[0], scratch.seen[0], space.held
@@ -129,7 +140,7 @@ def respond_all(light: Light, work: LightWork, x: Floats, layout: Stencil, space
 @numba.njit(cache=True)
 def dismiss(board: Integers) -> None:
     """Let the other threads go."""
-    _hand_out(board, LEAVE, 0)
+    _hand_out(board, LEAVE)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -143,9 +154,8 @@ def assist(layout: Stencil, work: StencilWork, light: Light, lit: LightWork, ahe
         if board[TASK] == LEAVE:
             return
         if board[TASK] == SWEEP:
-            source, moves = board[SOURCE] // 2, board[SOURCE] % 2 == 1
-            pace = Pace(moves, orders[0], orders[1], orders[2], orders[3])
-            stencil.sweep(layout, work, source, pace, thread, scratch.shares[thread], scratch.shares[thread + 1])
+            pace = Pace(board[MOVES] == 1, orders[0], orders[1], orders[2], orders[3])
+            stencil.sweep(layout, work, board[SOURCE], pace, thread, board[LEVELS], board[SEAM] == 1)
         else:
             begin, end = _part(light.corners.shape[1], thread, threads)
             optical.respond(

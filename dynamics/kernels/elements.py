@@ -148,3 +148,13 @@ def accelerate(o: int, n: int, force: Floats, per_mass: Floats, out: Floats) -> 
     """One component of the accelerations, from forces (n,)."""
     for m in range(n):
         out[o + m] = force[m] * per_mass[o + m]
+
+
+@streams()
+def add_lanes(n: int, values: Floats, lanes: Floats) -> None:
+    """Sums (8,) of every eighth of the values (n,) behind the guard: a vector of them at a time."""
+    for k in range(8):
+        lanes[k] = 0.0
+    for m in range(n // 8):
+        for k in range(8):
+            lanes[k] += values[8 * m + k + GUARD]

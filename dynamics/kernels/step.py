@@ -160,8 +160,8 @@ def evaluate(
         return light
     if code != failure.INTACT:
         return code
-    stencil.add_up(work.stencil.scratch.bands, work.light.total)
-    stencil.pick(model.stencil.place, work.stencil.scratch.acceleration, work.acceleration)
+    stencil.add_up(work.stencil.scratch.sums[0], work.light.total)
+    stencil.pick(model.stencil.place, work.stencil.scratch.v[1], work.acceleration)
     if model.retardation.size > 0:
         damping.resist(
             model.retardation, model.sheet, work.sheet, model.springs, work.damping, x, v, model.per_mass,
@@ -205,29 +205,56 @@ def free_run(model: Model, n: int, stop: int) -> int:
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _steady(model: Model, work: Work, n: int, most: int) -> int:
+    """At how many of so many steps from n on the light's ramp is as it was at the last evaluation."""
+    for k in range(most if model.lit else 0):
+        if gain_at(model, (n + k - model.release) * model.dt) != work.gain[0]:
+            return k
+    return most
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _glide_by(model: Model, state: State, work: Work, most: int, deepest: int) -> int:
+    """At most so many whole steps on two copies of the nodes, up to `deepest` at once; how many.
+
+    It ends early where an element may fail. −1 if that is within steps at once, of which none can be undone.
+    """
+    space, gain, half = work.stencil, work.gain[0], 0.5 * model.dt if model.integrator == VERLET else 0.0
+    pace, impulse = Pace(True, half, model.dt - half, model.dt, gain / 3.0), state.impulse
+    before, done, levels = (impulse[0], impulse[1], impulse[2]), 0, 1
+    stencil.lay(model.stencil.place, state.x, space.scratch.x[0])
+    stencil.lay(model.stencil.place, state.v, space.scratch.v[0])
+    while done < most:
+        # Where an element is about to fail it often does so at the first step
+        levels = min(levels, deepest, most - done)
+        if sweep_all(model.stencil, space, done % 2, pace, levels) > 0:
+            stencil.clear(space.scratch, 1 - done % 2)
+            if levels == 1:
+                return done
+            stencil.clear(space.scratch, done % 2)
+            impulse[0], impulse[1], impulse[2] = before
+            return -1
+        for level in range(levels if gain > 0.0 else 0):
+            stencil.add_up(space.scratch.sums[level], work.light.total)
+            _add_impulse(gain, work.light.total, pace.close, impulse)
+            _add_impulse(gain, work.light.total, pace.open, impulse)
+        done, levels = done + levels, 2 * levels
+    return done
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _glide(model: Model, state: State, work: Work, n: int, most: int) -> int:
     """From nodes that have just moved to step n on: at most so many whole steps; how many.
 
     It ends early where the light's ramp changes or an element may fail.
     """
-    if most == 0:
-        return 0
-    space, place, source, done = work.stencil, model.stencil.place, 0, 0
-    half = 0.5 * model.dt if model.integrator == VERLET else 0.0
-    stencil.lay(place, state.x, space.scratch.x[0])
-    stencil.lay(place, state.v, space.scratch.v[0])
-    for k in range(most):
-        gain = gain_at(model, (n + k - model.release) * model.dt)
-        pace = Pace(True, half, model.dt - half, model.dt, gain / 3.0)
-        if gain != work.gain[0] or sweep_all(model.stencil, space, source, pace) > 0:
-            break
-        stencil.add_up(space.scratch.bands, work.light.total)
-        _add_impulse(gain, work.light.total, pace.close, state.impulse)
-        _add_impulse(gain, work.light.total, pace.open, state.impulse)
-        source, done = 1 - source, k + 1
+    most, deepest = _steady(model, work, n, most), work.stencil.scratch.sums.shape[0]
+    done = -1 if most > 0 else 0
+    while done < 0:
+        done, deepest = _glide_by(model, state, work, most, deepest), 1
     if done > 0:
-        stencil.pick(place, space.scratch.x[source], state.x)
-        stencil.pick(place, space.scratch.v[source], state.v)
+        stencil.pick(model.stencil.place, work.stencil.scratch.x[done % 2], state.x)
+        stencil.pick(model.stencil.place, work.stencil.scratch.v[done % 2], state.v)
     return done
 
 

@@ -38,9 +38,9 @@ from optics.table import PressureTable
 SCENES = Path(__file__).parents[1] / "scenes"
 #: Of an evaluation of all elastic forces, of which the quickest counts.
 REPEATS = 200
-#: Doubles moved to or from memory and operations for each node in a step of the triangles: elements of two families,
-#: positions and velocities before and after, with the lines that writing fetches first; what lies between stays in the
-#: first cache.
+#: Doubles moved to or from the second cache and operations for each node in a step of the triangles: elements of two
+#: families, positions and velocities before and after, with the lines that writing fetches first. From memory they come
+#: once for all steps taken at once.
 DOUBLES = 2 * (3 + 3 + 1 + 1) + 1 + 2 * (3 + 2 * 3)
 FLOPS = 2 * 71 + 3 * 5 + 3 * 7
 
@@ -126,8 +126,7 @@ def steps(flight: Flight, count: int, fresh: bool = False) -> None:
 def step_time(given: Scene, tables: dict[str, PressureTable], repeats: int = 40) -> float:
     """CPU seconds a step."""
     flight = started(given, tables)
-    count = 64 if flight.model.masses.size < 20_000 else 8
-    return best(lambda: steps(flight, count), repeats) / count
+    return best(lambda: steps(flight, 64), repeats) / 64
 
 
 def elements(base: Scene, rings: int) -> list[tuple[str, float]]:
@@ -216,8 +215,7 @@ def growth(base: Scene, largest: int) -> list[tuple[int, int, float, float]]:
     found = []
     for rings in (r for r in (10, 30, 60, 100, 200) if r <= largest):
         flight = started(dark(base, rings), {})
-        count = 64 if rings <= 30 else 4
-        seconds = best(lambda f=flight, k=count: steps(f, k), 20) / count  # type: ignore[misc]
+        seconds = best(lambda f=flight: steps(f, 64), 20) / 64  # type: ignore[misc]
         arrays = [value for part in (flight.model, flight.state, flight.work) for _, value in leaves(part)]
         n = flight.model.masses.size
         held = sum(np.asarray(value).nbytes for value in arrays)
