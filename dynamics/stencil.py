@@ -134,8 +134,8 @@ def scratch_space(
         push=aligned(threads, 3, across if lit else 0), force=aligned(threads, 3, across),
         lanes=aligned(threads, 3, 8), sums=aligned(levels, rows, 3), bad=np.zeros(threads, np.int64), shares=shares,
         found=np.zeros((threads, 2, 2), np.int64), seen=np.zeros((threads, 2, 2)),
-        sides=np.zeros((patches, 6, patch)), frame=np.zeros((patches, 10, patch)),
-        response=np.zeros((patches, patch, 4)), board=np.zeros(crew.BOARD, np.int64), orders=np.zeros(crew.ORDERS),
+        sides=aligned(patches, 6, patch), frame=aligned(patches, 10, patch),
+        response=aligned(patches, patch, 4), board=np.zeros(crew.BOARD, np.int64), orders=np.zeros(crew.ORDERS),
     )
     for copy in range(2):
         clear(scratch, copy)

@@ -11,8 +11,9 @@ from dynamics.kernels.crew import dismiss
 from dynamics.kernels.elastic import Floats
 from dynamics.kernels.flown import Model, Work
 from dynamics.kernels.integrators import VERLET, State, accumulate, advance, copy
+from dynamics.kernels.record import write_due
 from dynamics.kernels.spin import SpinUp, kick
-from dynamics.kernels.step import evaluate, warm_up, write_due
+from dynamics.kernels.step import evaluate, warm_up
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -15,7 +15,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from dynamics.kernels import optical, stencil
+from dynamics.kernels import optical, stencil, sweep
 from dynamics.kernels.elastic import Floats, Integers
 from dynamics.kernels.optical import Light, LightWork
 from dynamics.kernels.stencil import Pace, Stencil, StencilWork
@@ -97,7 +97,7 @@ def _sweep_together(layout: Stencil, work: StencilWork, source: int, pace: Pace,
         board[SOURCE], board[MOVES], board[LEVELS], board[SEAM] = source, pace.moves, levels, seam
         _hand_out(board, SWEEP)
     if not seam:
-        stencil.sweep(layout, work, source, pace, 0, levels, False)
+        sweep.sweep(layout, work, source, pace, 0, levels, False)
     if others > 0:
         _collect(board, others)
     bad = 0
@@ -155,7 +155,7 @@ def assist(layout: Stencil, work: StencilWork, light: Light, lit: LightWork, ahe
             return
         if board[TASK] == SWEEP:
             pace = Pace(board[MOVES] == 1, orders[0], orders[1], orders[2], orders[3])
-            stencil.sweep(layout, work, board[SOURCE], pace, thread, board[LEVELS], board[SEAM] == 1)
+            sweep.sweep(layout, work, board[SOURCE], pace, thread, board[LEVELS], board[SEAM] == 1)
         else:
             begin, end = _part(light.corners.shape[1], thread, threads)
             optical.respond(

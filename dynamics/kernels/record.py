@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numba
 import numpy as np
 
+from dynamics.kernels import elastic, failure, reflections, sheet, stencil, tearing, thermal
 from dynamics.kernels.elastic import Floats
+from dynamics.kernels.flown import Model, Work
+from dynamics.kernels.integrators import State
 from dynamics.kernels.optical import Light, LightWork, force
 from dynamics.kernels.stencil import Stencil
 from dynamics.kernels.streams import streams
@@ -105,3 +110,49 @@ def illumination(
     push(light, layout, held, x, gain, row)
 
 
+@numba.njit(cache=True, error_model="numpy")
+def write_row(model: Model, state: State, work: Work, n: int, row: Floats) -> int:
+    """One row (WIDTH,) about the state at step n; INTACT, FLY_AWAY or NON_FINITE."""
+    layout, corners, patch = model.stencil, model.triangles.corners, stencil.patch(work.stencil.scratch, 0)
+    for i in range(row.size):
+        row[i] = 0.0
+    row[0] = (n - model.release) * model.dt
+    motion(model.masses, model.rest, state.x, state.v, row)
+    if model.sheet.modulus.size > 0:
+        row[28], row[29], row[31] = sheet.strain_and_energy(
+            model.sheet, work.sheet, layout, work.stencil.free, corners, state.x, patch
+        )
+    else:
+        row[28], row[29], row[31] = elastic.strain_and_energy(model.springs, state.x, work.free)
+    if model.warm:
+        warmth(model.triangles, state.temperature, row)
+        row[34] = thermal.radiated(
+            work.heat.emission, state.x, corners, patch, state.temperature, model.heat.background
+        )
+    if work.gain[0] > 0.0:
+        illumination(model.light, work.light, layout, work.stencil.held, state.x, work.gain[0], row)
+        row[45] = work.gain[0] * work.mirror.account[reflections.LEAVES]
+    for c in range(3):
+        row[41 + c] = state.impulse[c]
+    row[44] = work.light.outside[0]
+    row[46], row[47] = work.broken.tally[tearing.BY_STRESS], work.broken.tally[tearing.BY_HEAT]
+    for i in range(row.size):
+        if not math.isfinite(row[i]):
+            return failure.NON_FINITE
+    if row[46] + row[47] > model.most_broken:
+        return failure.BROKEN
+    return failure.FLY_AWAY if math.hypot(row[1], row[2]) > model.fly_away else failure.INTACT
+
+
+@numba.njit(cache=True, error_model="numpy")
+def write_due(
+    model: Model, state: State, work: Work, n: int, fresh: bool, rows: Floats, written: int
+) -> tuple[int, int]:
+    """A row about the state at step n after the `written` ones, if one is due; (failure code, rows written).
+
+    At the release it is due once: `fresh`, with the light on.
+    """
+    due = (n - model.release) % model.series_every == 0 or n == model.end
+    if not due or (n == model.release and not fresh):
+        return failure.INTACT, written
+    return write_row(model, state, work, n, rows[written]), written + 1

@@ -7,8 +7,6 @@ and go on later to the same bits.
 
 from __future__ import annotations
 
-import math
-
 import numba
 import numpy as np
 
@@ -17,20 +15,21 @@ from dynamics.kernels import (
     elastic,
     failure,
     properties,
-    record,
     reflections,
     sheet,
     stencil,
     tearing,
     thermal,
 )
-from dynamics.kernels.beam import ramp
 from dynamics.kernels.crew import dismiss, respond_all, sweep_all
 from dynamics.kernels.elastic import Floats
 from dynamics.kernels.flown import Model, Work
+from dynamics.kernels.glide import add_impulse, free_run, gain_at, glide
 from dynamics.kernels.integrators import RK4, VERLET, State, accumulate, advance, advance_heat, copy
+from dynamics.kernels.record import write_due
 from dynamics.kernels.spin import foresee, kick
 from dynamics.kernels.stencil import Pace
+from dynamics.kernels.sweep import add_up
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -135,12 +134,6 @@ def _finite(x: Floats) -> bool:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def gain_at(model: Model, t: float) -> float:
-    """Share of the beam's full intensity at time t in s."""
-    return ramp(t, model.light.delay, model.light.rise, model.light.on) if model.lit else 0.0
-
-
-@numba.njit(cache=True, error_model="numpy")
 def evaluate(
     model: Model, work: Work, x: Floats, v: Floats, temperature: Floats, t: float, gain: float, renew: bool,
     heating: bool,
@@ -160,7 +153,7 @@ def evaluate(
         return light
     if code != failure.INTACT:
         return code
-    stencil.add_up(work.stencil.scratch.sums[0], work.light.total)
+    add_up(work.stencil.scratch.sums[0], work.light.total)
     stencil.pick(model.stencil.place, work.stencil.scratch.v[1], work.acceleration)
     if model.retardation.size > 0:
         damping.resist(
@@ -180,85 +173,6 @@ def evaluate(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _add_impulse(gain: float, force: Floats, time: float, impulse: Floats) -> None:
-    """Add the impulse of the light's force (3,) over `time` in s."""
-    if gain > 0.0:
-        for c in range(3):
-            impulse[c] += time * force[c]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _left(count: int, every: int) -> int:
-    """How many steps after `count` the next multiple of `every` comes."""
-    return every - count % every
-
-
-@numba.njit(cache=True, error_model="numpy")
-def free_run(model: Model, n: int, stop: int) -> int:
-    """Steps from n to the next, not beyond `stop`, after which more than forces is due."""
-    if n < model.spin_up.steps or model.integrator == RK4 or model.retardation.size > 0:
-        return 1
-    most = min(stop - n, _left(n - model.release, model.series_every))
-    if model.lit:
-        most = min(most, _left(n - model.release, model.optics_every))
-    return min(most, _left(n - model.release, model.heat.every)) if model.warm else most
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _steady(model: Model, work: Work, n: int, most: int) -> int:
-    """At how many of so many steps from n on the light's ramp is as it was at the last evaluation."""
-    for k in range(most if model.lit else 0):
-        if gain_at(model, (n + k - model.release) * model.dt) != work.gain[0]:
-            return k
-    return most
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _glide_by(model: Model, state: State, work: Work, most: int, deepest: int) -> int:
-    """At most so many whole steps on two copies of the nodes, up to `deepest` at once; how many.
-
-    It ends early where an element may fail. −1 if that is within steps at once, of which none can be undone.
-    """
-    space, gain, half = work.stencil, work.gain[0], 0.5 * model.dt if model.integrator == VERLET else 0.0
-    pace, impulse = Pace(True, half, model.dt - half, model.dt, gain / 3.0), state.impulse
-    before, done, levels = (impulse[0], impulse[1], impulse[2]), 0, 1
-    stencil.lay(model.stencil.place, state.x, space.scratch.x[0])
-    stencil.lay(model.stencil.place, state.v, space.scratch.v[0])
-    while done < most:
-        # Where an element is about to fail it often does so at the first step
-        levels = min(levels, deepest, most - done)
-        if sweep_all(model.stencil, space, done % 2, pace, levels) > 0:
-            stencil.clear(space.scratch, 1 - done % 2)
-            if levels == 1:
-                return done
-            stencil.clear(space.scratch, done % 2)
-            impulse[0], impulse[1], impulse[2] = before
-            return -1
-        for level in range(levels if gain > 0.0 else 0):
-            stencil.add_up(space.scratch.sums[level], work.light.total)
-            _add_impulse(gain, work.light.total, pace.close, impulse)
-            _add_impulse(gain, work.light.total, pace.open, impulse)
-        done, levels = done + levels, 2 * levels
-    return done
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _glide(model: Model, state: State, work: Work, n: int, most: int) -> int:
-    """From nodes that have just moved to step n on: at most so many whole steps; how many.
-
-    It ends early where the light's ramp changes or an element may fail.
-    """
-    most, deepest = _steady(model, work, n, most), work.stencil.scratch.sums.shape[0]
-    done = -1 if most > 0 else 0
-    while done < 0:
-        done, deepest = _glide_by(model, state, work, most, deepest), 1
-    if done > 0:
-        stencil.pick(model.stencil.place, work.stencil.scratch.x[done % 2], state.x)
-        stencil.pick(model.stencil.place, work.stencil.scratch.v[done % 2], state.v)
-    return done
-
-
-@numba.njit(cache=True, error_model="numpy")
 def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int) -> tuple[int, int]:
     """From step n at most `most` steps on, or, if `fresh`, just the evaluation of a state that came from no step.
 
@@ -274,7 +188,7 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int)
         warmed, heating = model.warm, model.warm
         if not fresh:
             acts = advance(integrator, dt, work.acceleration, state, work.stage, k)
-            _add_impulse(work.gain[0], work.light.total, acts, state.impulse)
+            add_impulse(work.gain[0], work.light.total, acts, state.impulse)
             if model.warm:
                 warmed, heating = advance_heat(
                     integrator, dt, model.heat.every, work.heat.rate, state, work.stage, n - model.release, k
@@ -287,7 +201,7 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int)
             if code != failure.INTACT:
                 return code, now
         if not fresh and most > 1:
-            now += _glide(model, state, work, now, most - 1)
+            now += glide(model, state, work, now, most - 1)
             t, heating = (now - model.release) * dt, model.warm and (now - model.release) % model.heat.every == 0
         renew = fresh or (last and (now - model.release) % model.optics_every == 0)
         v = state.v if last else work.stage.v
@@ -296,56 +210,8 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int)
             return code, now
     if integrator == VERLET and not fresh:
         accumulate(state.v, 0.5 * dt, work.acceleration)
-        _add_impulse(work.gain[0], work.light.total, 0.5 * dt, state.impulse)
+        add_impulse(work.gain[0], work.light.total, 0.5 * dt, state.impulse)
     return failure.INTACT, now
-
-
-@numba.njit(cache=True, error_model="numpy")
-def write_row(model: Model, state: State, work: Work, n: int, row: Floats) -> int:
-    """One row (WIDTH,) about the state at step n; INTACT, FLY_AWAY or NON_FINITE."""
-    layout, corners, patch = model.stencil, model.triangles.corners, stencil.patch(work.stencil.scratch, 0)
-    for i in range(row.size):
-        row[i] = 0.0
-    row[0] = (n - model.release) * model.dt
-    record.motion(model.masses, model.rest, state.x, state.v, row)
-    if model.sheet.modulus.size > 0:
-        row[28], row[29], row[31] = sheet.strain_and_energy(
-            model.sheet, work.sheet, layout, work.stencil.free, corners, state.x, patch
-        )
-    else:
-        row[28], row[29], row[31] = elastic.strain_and_energy(model.springs, state.x, work.free)
-    if model.warm:
-        record.warmth(model.triangles, state.temperature, row)
-        row[34] = thermal.radiated(
-            work.heat.emission, state.x, corners, patch, state.temperature, model.heat.background
-        )
-    if work.gain[0] > 0.0:
-        record.illumination(model.light, work.light, layout, work.stencil.held, state.x, work.gain[0], row)
-        row[45] = work.gain[0] * work.mirror.account[reflections.LEAVES]
-    for c in range(3):
-        row[41 + c] = state.impulse[c]
-    row[44] = work.light.outside[0]
-    row[46], row[47] = work.broken.tally[tearing.BY_STRESS], work.broken.tally[tearing.BY_HEAT]
-    for i in range(row.size):
-        if not math.isfinite(row[i]):
-            return failure.NON_FINITE
-    if row[46] + row[47] > model.most_broken:
-        return failure.BROKEN
-    return failure.FLY_AWAY if math.hypot(row[1], row[2]) > model.fly_away else failure.INTACT
-
-
-@numba.njit(cache=True, error_model="numpy")
-def write_due(
-    model: Model, state: State, work: Work, n: int, fresh: bool, rows: Floats, written: int
-) -> tuple[int, int]:
-    """A row about the state at step n after the `written` ones, if one is due; (failure code, rows written).
-
-    At the release it is due once: `fresh`, with the light on.
-    """
-    due = (n - model.release) % model.series_every == 0 or n == model.end
-    if not due or (n == model.release and not fresh):
-        return failure.INTACT, written
-    return write_row(model, state, work, n, rows[written]), written + 1
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

@@ -10,6 +10,7 @@ import pytest
 from dynamics import membrane
 from dynamics.kernels import failure, sheet, stencil
 from dynamics.kernels.crew import dismiss
+from dynamics.kernels.sweep import add_up
 from dynamics.membrane import Flight
 from dynamics.scene import Scene
 from dynamics.shapes import lattice_points
@@ -79,7 +80,7 @@ def test_held_light_pushes_each_node_as_its_triangles_are_pushed(tmp_path: Path,
     held = rng.standard_normal((m.triangles.masses.size, 3))
     stencil.hold(m.stencil, held, 0, 0, len(held), w.stencil.held)
     pulled, pushed, total = stencil_forces(flight, x)[0], stencil_forces(flight, x, 0.7)[0], np.zeros(3)
-    stencil.add_up(w.stencil.scratch.sums[0], total)
+    add_up(w.stencil.scratch.sums[0], total)
     a, b, c = x.T[flight.membrane.mesh.triangles].transpose(1, 0, 2)
     force = held[:, :1] * (b - a) + held[:, 1:2] * (c - a) + held[:, 2:] * np.cross(b - a, c - a)
     want = np.zeros_like(x)
