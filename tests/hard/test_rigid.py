@@ -9,6 +9,7 @@ from scipy.special import ellipj, ellipk
 
 from dynamics import rigid, scene
 from dynamics.attitude import rotation_from_angles
+from dynamics.materials import MATERIALS
 from dynamics.sail import sail_shape
 from optics.table import PressureTable
 from tests.synthetic import smooth_tables
@@ -145,7 +146,7 @@ def test_a_hundredth_of_a_hertz_is_next_to_no_spin():
 @pytest.mark.parametrize("excess", [0.0, 1e-14, 1e-9])
 def test_equal_and_nearly_equal_moments_fly_as_a_symmetric_top(excess: float):
     """Nearly equal moments part from the closed form of equal ones by no more than their difference allows."""
-    heavier = {**scene.MATERIALS["nitride_te"].model_dump(), "density_kg_m3": 2700.0 * (1.0 + excess)}
+    heavier = {**MATERIALS["nitride_te"].model_dump(), "density_kg_m3": 2700.0 * (1.0 + excess)}
     halves = [
         {"from_deg": start, "material": material, "reflectance": 0.6}
         for start, material in ((45.0, heavier), (135.0, "nitride_te"), (225.0, heavier), (315.0, "nitride_te"))

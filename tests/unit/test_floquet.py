@@ -13,6 +13,7 @@ from dynamics import floquet, rigid, scene
 from dynamics.attitude import rotation_from_angles
 from dynamics.derivatives import error_modes, linearise
 from dynamics.linear import LinearModel
+from dynamics.materials import MATERIALS
 from dynamics.rigid_body import rigid_body
 from optics.files import InputError
 from optics.normal import ERROR_SCALE
@@ -202,7 +203,7 @@ def test_tables_may_be_axisymmetric_and_sectors_constant():
     q = np.stack([np.zeros_like(u), np.zeros_like(u), 2 * 0.5 * w])[:, :, None]
     film = PressureTable(u, np.zeros(1), q, np.zeros((41, 1)), np.full((41, 1), 1e-5), axisymmetric=True,
                          attrs={"name": "film"})
-    plain = scene.MATERIALS["nitride_te"].model_copy(update={"absorptance": 0.0})
+    plain = MATERIALS["nitride_te"].model_copy(update={"absorptance": 0.0})
     filmed = {"material": plain.model_dump(), "design": "film"}
     mirror = {"material": plain.model_dump(), "reflectance": 0.5}
     sectors = [{**(filmed if k % 2 else mirror), "from_deg": 90.0 * k} for k in range(4)]

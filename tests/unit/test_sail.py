@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from dynamics import scene as scenes
+from dynamics.materials import MATERIALS
 from dynamics.rigid_body import normal_units
 from dynamics.sail import check_release, load_tables, sail_shape
+from dynamics.sail_parts import Sail
 from optics.files import InputError
 from tests.synthetic import smooth_tables
 
@@ -17,12 +19,12 @@ FIG6 = scenes.read_scene(SCENES / "fig6.yaml")
 NITRIDE = [{"from_deg": 0.0, "material": "nitride_te", "reflectance": 0.2}]
 
 
-def round_sail(sectors: list[dict]) -> scenes.Sail:
+def round_sail(sectors: list[dict]) -> Sail:
     """A disc of 1 m diameter with the given sectors."""
-    return scenes.Sail.model_validate({"radius_m": 0.5, "rings": 2, "sectors": sectors})
+    return Sail.model_validate({"radius_m": 0.5, "rings": 2, "sectors": sectors})
 
 
-def lopsided(turned_deg: float = 0.0) -> scenes.Sail:
+def lopsided(turned_deg: float = 0.0) -> Sail:
     """A disc whose three unequal sectors differ in mass."""
     starts = sorted((20.0 + turned_deg, 100.0 + turned_deg, 250.0 + turned_deg))
     names = ["nitride_te", "nitride_tm", "silicon_43nm"]
@@ -90,7 +92,7 @@ def test_across_along_and_normal_are_right_handed():
 
 
 def test_a_sector_gives_back_no_more_than_it_gets():
-    black = {**scenes.MATERIALS["nitride_te"].model_dump(), "absorptance": 0.5}
+    black = {**MATERIALS["nitride_te"].model_dump(), "absorptance": 0.5}
     with pytest.raises(InputError, match=r"sail.sectors.0.reflectance = 0.6: .* must not exceed 1"):
         sail_shape(round_sail([{"from_deg": 0.0, "material": black, "reflectance": 0.6}]))
 
