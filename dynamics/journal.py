@@ -38,6 +38,18 @@ def leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
             yield f"{prefix}{name}", value
 
 
+def without(tree: Any, other: Any) -> Any:
+    """Nested named tuples, with nothing in place of arrays that another tree holds as well."""
+    known = {id(value) for _, value in leaves(other)}
+
+    def left(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return type(value)(*map(left, value))
+        return value[:0] if isinstance(value, np.ndarray) and id(value) in known else value
+
+    return left(tree)
+
+
 def numbers_digest(tree: Any) -> str:
     """SHA-256 of all numbers of nested named tuples: name, type, shape and bits of each array and scalar."""
     sums = hashlib.sha256()

@@ -26,7 +26,7 @@ from dynamics.attitude import rotation_from_angles
 from dynamics.command import stage_arguments
 from dynamics.corotating import carrier_work, chord_speed
 from dynamics.flight import Frame, series, write_flight
-from dynamics.journal import Journal, leaves, numbers_digest
+from dynamics.journal import Journal, leaves, numbers_digest, without
 from dynamics.kernels import carried, failure, properties, record, sheet, tearing
 from dynamics.kernels.crew import assist, dismiss
 from dynamics.kernels.elastic import REFERENCE_TEMPERATURE
@@ -42,7 +42,7 @@ from dynamics.plan import plan
 from dynamics.sail import check_release, load_tables, provenance, require_own_polarisation
 from dynamics.scene import Scene, read_scene
 from dynamics.stencil import free_sides, kept
-from dynamics.work_space import initial_state, work_space
+from dynamics.work_space import PATCH, initial_state, work_space
 from optics.compiled import digest
 from optics.files import InputError, Stopwatch, progress, run_stage, write_json
 from optics.table import PressureTable
@@ -80,7 +80,7 @@ class Flight:
             self.model, scene.flight.on_failure, self.membrane.lattice.conductance_shares, threads
         )
         # What a later run needs, which may have another number of threads
-        self._kept = self.work._replace(stencil=kept(self.work.stencil))
+        self._kept = without(self.work._replace(stencil=kept(self.work.stencil)), self.model)
         self._others = ThreadPoolExecutor(threads)
         if threads > 1:
             # Compiled here, where it may fail: the first thread would wait without end for one that never starts
@@ -106,8 +106,10 @@ class Flight:
 
     @property
     def memory(self) -> int:
-        """Bytes of all arrays of model, state and work space, but for the pressure tables; each array counts once."""
-        held = [found for part in (self.model, self.state, self.work) for found in leaves(part)]
+        """Bytes of all arrays that the kernels are given, but for the pressure tables; each array counts once."""
+        parts: list[Any] = [self.model, self.state, self.work]
+        parts += [self.carrier, self.carrying] if self.carrier is not None else []
+        held = [found for part in parts for found in leaves(part)]
         arrays = [np.asarray(value) for name, value in held if not name.startswith("light.tables.")]
         return sum({array.ctypes.data: array.nbytes for array in arrays if array.nbytes}.values())
 
@@ -180,7 +182,7 @@ class Flight:
     def _assist(self, thread: int) -> None:
         """What one of the other threads does during a kernel call."""
         work, model = self.work, self.model
-        assist(model.stencil, work.stencil, model.light, work.light, work.ahead, thread)
+        assist(model.stencil, work.stencil, model.light, work.light, work.ahead, work.broken.gone, thread)
 
     def _trees(self) -> list[Any]:
         """All that changes as the sail flies."""
@@ -271,7 +273,7 @@ def strains(membrane: Membrane, points: Floats, temperature: Floats) -> Floats:
     if membrane.elastic_triangles:
         corners, free, t = model.triangles.corners, free_sides(model.stencil, model.sheet), len(mesh.triangles)
         whole = sheet.SheetWork(model.sheet.modulus, model.sheet.shear, model.sheet.limit)
-        patch, found = Patch(np.empty((6, t)), np.empty((10, t)), np.empty((t, 4))), np.empty((2, t))
+        patch, found = Patch(np.empty((6, PATCH)), np.empty((10, PATCH)), np.empty((PATCH, 4))), np.empty((2, t))
         sheet.grow(model.sheet, model.stencil, corners, temperature, free)
         properties.grow(model.curves.expansion, model.sheet, model.stencil, corners, temperature, free)
         sheet.principal(

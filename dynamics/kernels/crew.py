@@ -1,8 +1,8 @@
 """Threads that fly one sail: the first hands out work and takes its share, the others wait for it without sleeping.
 
-A step takes tens of microseconds, less than waking a thread does. What a thread does depends on no other, so results
-have the same bits for any number of them. The board (24,): the ticket of the latest work, what is to be done and with
-how; then how many threads were done with it. Each at the start of a line of the cache.
+A step takes tens of microseconds, less than waking a thread does. Within a piece of work what a thread does depends on
+no other, so results have the same bits for any number of them. The board (24,): the ticket of the latest work, what is
+to be done and how; then how many threads were done with it. Each at the start of a line of the cache.
 """
 
 from __future__ import annotations
@@ -122,7 +122,9 @@ def _part(size: int, thread: int, threads: int) -> tuple[int, int]:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def respond_all(light: Light, work: LightWork, x: Floats, layout: Stencil, space: StencilWork) -> None:
+def respond_all(
+    light: Light, work: LightWork, x: Floats, gone: Integers, layout: Stencil, space: StencilWork
+) -> None:
     """Light on all triangles at nodes x (3, n), which must be `ahead` of the work space."""
     scratch = space.scratch
     threads, size = scratch.bad.size, light.corners.shape[1]
@@ -130,7 +132,8 @@ def respond_all(light: Light, work: LightWork, x: Floats, layout: Stencil, space
         _hand_out(scratch.board, RESPOND)
     begin, end = _part(size, 0, threads)
     optical.respond(
-        light, work, stencil.patch(scratch, 0), layout, x, begin, end, scratch.found[0], scratch.seen[0], space.held
+        light, work, stencil.patch(scratch, 0), layout, x, gone, begin, end, scratch.found[0], scratch.seen[0],
+        space.held,
     )
     if threads > 1:
         _collect(scratch.board, threads - 1)
@@ -144,7 +147,9 @@ def dismiss(board: Integers) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def assist(layout: Stencil, work: StencilWork, light: Light, lit: LightWork, ahead: Floats, thread: int) -> None:
+def assist(
+    layout: Stencil, work: StencilWork, light: Light, lit: LightWork, ahead: Floats, gone: Integers, thread: int
+) -> None:
     """What a thread other than the first does from the start of `step.run` to its end; the board must be empty."""
     scratch, ticket = work.scratch, 0
     board, orders, threads = scratch.board, scratch.orders, scratch.bad.size
@@ -159,7 +164,7 @@ def assist(layout: Stencil, work: StencilWork, light: Light, lit: LightWork, ahe
         else:
             begin, end = _part(light.corners.shape[1], thread, threads)
             optical.respond(
-                light, lit, stencil.patch(scratch, thread), layout, ahead, begin, end, scratch.found[thread],
-                scratch.seen[thread], work.held,
+                light, lit, stencil.patch(scratch, thread), layout, ahead, gone, begin, end,
+                scratch.found[thread], scratch.seen[thread], work.held,
             )
         _add(board, DONE, 1)

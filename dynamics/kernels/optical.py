@@ -193,6 +193,14 @@ def _spot(found: Integers, seen: Floats, count: int, triangle: int, patch: Patch
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _face(gone: Integers, patch: Patch, begin: int, at: int, n: int) -> None:
+    """Let triangles that are gone face the light: wherever their nodes fly, none of them leaves its table."""
+    for i in range(n if gone.size > 0 else 0):
+        if gone[begin + i] != 0:
+            patch.frame[2, at + i], patch.frame[8, at + i], patch.frame[9, at + i] = 1.0, 0.0, 0.0
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _look_up(
     light: Light, patch: Patch, k: int, begin: int, at: int, n: int, found: Integers, seen: Floats
 ) -> None:
@@ -243,11 +251,12 @@ def _hold(light: Light, work: LightWork, patch: Patch, begin: int, at: int, n: i
 
 @numba.njit(cache=True, error_model="numpy")
 def respond(
-    light: Light, work: LightWork, patch: Patch, layout: Stencil, x: Floats, first: int, last: int, found: Integers,
-    seen: Floats, held: Floats,
+    light: Light, work: LightWork, patch: Patch, layout: Stencil, x: Floats, gone: Integers, first: int, last: int,
+    found: Integers, seen: Floats, held: Floats,
 ) -> None:
     """Light on the triangles first … last at nodes x (3, n): power, and coefficients into held (f, 3, p).
 
+    gone (t,): not 0 for removed triangles, which get light all the same (see `tearing.darken`), or empty.
     found (2, 2): how many of them lie outside their table and the first; how many are lit from behind and the first.
     seen (2, 2): the direction of these two. A patch for all triangles keeps each of them at its own place.
     """
@@ -263,6 +272,7 @@ def respond(
                 _yaw_blind(light, patch, begin, at, n)
             else:
                 _sail_frame(light, patch, begin, at, n)
+            _face(gone, patch, begin, at, n)
             if k < 0:
                 _constant(light, patch, work.absorptance, begin, at, n)
             else:

@@ -214,6 +214,8 @@ def strain_and_energy(
                 smallest = min(smallest, patch.frame[4, i])
                 total += patch.frame[5, i]
         begin += n
+    if largest < smallest:
+        return 0.0, 0.0, 0.0  # no triangle is left
     return _stretch(largest), _stretch(smallest), total
 
 

@@ -52,7 +52,7 @@ def _light_up(model: Model, work: Work, x: Floats, v: Floats, temperature: Float
     else:
         copy(x, work.ahead)
     properties.absorb(model.curves.absorption, model.light.corners, temperature, work.light.absorptance)
-    respond_all(model.light, work.light, work.ahead, model.stencil, work.stencil)
+    respond_all(model.light, work.light, work.ahead, work.broken.gone, model.stencil, work.stencil)
     if work.light.outside[2] > 0 or (work.light.outside[0] > 0 and not model.light.clamp):
         return failure.LEFT_TABLE
     _darken(model, work)
@@ -115,12 +115,13 @@ def _pull(model: Model, work: Work, x: Floats, t: float, gain: float) -> int:
             return failure.INTACT
         work.flags[1] = torn
         return failure.TENSILE if finite else failure.NON_FINITE
-    code, work.flags[1] = tearing.tear(
+    code, work.flags[1], torn = tearing.tear(
         work.broken, model.sheet, work.sheet, work.heat, work.light, model.stencil, work.stencil, model.springs,
         model.triangles.corners, x, t,
     )
-    lay_out(model, work)
-    sweep_all(model.stencil, work.stencil, 0, still)
+    if torn > 0:
+        lay_out(model, work)
+        sweep_all(model.stencil, work.stencil, 0, still)
     return code
 
 

@@ -82,22 +82,24 @@ def darken(broken: Broken, light: LightWork, layout: Stencil, held: Floats, i: i
 def tear(
     broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: LightWork, layout: Stencil,
     space: StencilWork, springs: Springs, corners: Indices, x: Floats, t: float,
-) -> tuple[int, int]:
+) -> tuple[int, int, int]:
     """Note, and where asked remove, every triangle above its strength at nodes x (3, n) and time t in s.
 
-    Returns (NON_FINITE, triangle) if one is not finite, else (INTACT, −1).
+    Returns (NON_FINITE, triangle, 0) if one is not finite, else INTACT, −1 and how many they were.
     """
     bad, finite = sheet.first_torn(model, work, layout, space.free, corners, x)
     if not finite:
-        return NON_FINITE, bad
+        return NON_FINITE, bad, 0
+    torn = 0
     for i in range(work.limit.size):
         if sheet.tears(model, work, sheet.excess(layout, space.free, corners, x, i), i):
             work.limit[i] = np.inf
+            torn += 1
             if broken.failed[i] == 0:
                 _note(broken, i, BY_STRESS, t, x, springs, model.sides[i])
             if broken.gone.size > 0:
                 _remove(broken, model, work, heat, light, layout, space.held, i)
-    return INTACT, -1
+    return INTACT, -1, torn
 
 
 @numba.njit(cache=True, error_model="numpy")

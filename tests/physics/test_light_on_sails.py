@@ -10,6 +10,7 @@ from dynamics.attitude import rotation_from_angles
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.kernels.record import COLUMNS
 from dynamics.kernels.rigid import INSIDE
+from dynamics.kernels.step import lay_out
 from dynamics.membrane import Flight, fly
 from dynamics.rigid_body import rigid_body
 from dynamics.scene import Scene
@@ -110,6 +111,18 @@ def flown_turned_over(scene: Scene, tables: dict[str, PressureTable], folder: Pa
     flight.step = flight.model.release
     flight.state.x[1:] *= -1.0
     return flight, flight.fly().reason
+
+
+def test_a_removed_triangle_may_turn_over(tmp_path: Path):
+    """It flies on with its nodes; no light is on it, so none comes from behind."""
+    scene = small(flight={"duration_s": 2e-5, "on_failure": "remove"}, effects={"tensile_failure": False})
+    flight = Flight(scene, smooth_tables(), tmp_path)
+    flight.step = flight.model.release
+    flight.state.x[1:] *= -1.0
+    flight.work.broken.gone[:], flight.work.sheet.modulus[:], flight.work.sheet.shear[:] = 1, 0.0, 0.0
+    lay_out(flight.model, flight.work)
+    assert flight.fly().reason == "finished"
+    assert flight.work.light.outside[0] == flight.columns()["power_incident"][0][-1] == 0.0
 
 
 @pytest.mark.parametrize("outside", ["stop", "clamp"])

@@ -318,6 +318,15 @@ def test_what_burns_is_removed_and_takes_no_more_light():
     assert series["power_incident"][-1] == pytest.approx(0.5 * series["power_incident"].max(), rel=1e-2)
 
 
+def test_a_sail_of_which_nothing_is_left_is_broken_not_lost_in_numbers():
+    flight = {"duration_s": 2e-3, "on_failure": "remove", "broken_fraction": 0.9, "fly_away_m": 1e9}
+    scene = dark(2, sail={"sectors": film(strength_Pa=1e5)}, release={"spin_Hz": -120.0}, flight=flight)
+    flown, end, series = fly(scene, {})
+    assert end.reason == "broken"
+    assert flown.work.broken.gone.mean() > 0.9
+    assert all(np.isfinite(values).all() for values in series.values())
+
+
 def test_half_a_strip_conducts_half_as_much(tmp_path: Path):
     """T = 400 + 100 x: heat κ h b |∇T| crosses a sheet of breadth b, half of it once the half y > 0 is removed."""
     cold = film(emissivity_front=0.0, emissivity_back=0.0)

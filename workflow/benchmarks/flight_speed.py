@@ -25,7 +25,6 @@ import numba
 import numpy as np
 from rows import seconds as best
 
-from dynamics.journal import leaves
 from dynamics.kernels import stencil
 from dynamics.kernels.crew import sweep_all
 from dynamics.kernels.record import WIDTH
@@ -192,7 +191,7 @@ def switched_off(base: Scene, rings: int, repeats: int = 200) -> list[tuple[str,
 
 
 def by_threads(given: Scene, tables: dict[str, PressureTable]) -> list[float]:
-    """Wall seconds a step with one thread and with two, in turn; best of several."""
+    """Wall seconds a step with one thread and with two, in turn, the best of several; bytes a node with one."""
     with tempfile.TemporaryDirectory() as folder:
         flights = [Flight(given, tables, Path(folder) / str(threads), threads) for threads in (1, 2)]
         least = [math.inf, math.inf]
@@ -207,19 +206,17 @@ def by_threads(given: Scene, tables: dict[str, PressureTable]) -> list[float]:
                 least[i], flight.fresh = min(least[i], time.perf_counter() - start), False
                 if code != 0:
                     raise RuntimeError(f"the flight ended at step {flight.step} with code {code}")
-    return [seconds / count for seconds in least]
+    return [*(seconds / count for seconds in least), flights[0].memory / flights[0].model.masses.size]
 
 
 def growth(base: Scene, largest: int) -> list[tuple[int, int, float, float]]:
-    """Rings, nodes, seconds an elastic step and bytes a node of all arrays of model, state and work."""
+    """Rings, nodes, seconds an elastic step and bytes a node (`Flight.memory`)."""
     found = []
     for rings in (r for r in (10, 30, 60, 100, 200) if r <= largest):
         flight = started(dark(base, rings), {})
         seconds = best(lambda f=flight: steps(f, 64), 20) / 64  # type: ignore[misc]
-        arrays = [value for part in (flight.model, flight.state, flight.work) for _, value in leaves(part)]
         n = flight.model.masses.size
-        held = sum(np.asarray(value).nbytes for value in arrays)
-        found.append((rings, n, seconds, held / n))
+        found.append((rings, n, seconds, flight.memory / n))
     return found
 
 
@@ -299,9 +296,10 @@ def main() -> None:
         lit = {"optics_every": 16, "heat_every": 16, "series_every": 64}
         cases = [("elastic", dark(base, rings), {}), ("all effects", scene(base, rings, flight=lit), tables)]
         for name, case, needed in cases if tables else cases[:1]:
-            one, two = by_threads(case, needed)
+            one, two, held = by_threads(case, needed)
+            rows.append((f"{rings} rings, {name}, memory", held, "bytes a node"))
             rows += [(f"{rings} rings, {name}, {k} threads", t * 1e6, "µs") for k, t in ((1, one), (2, two))]
-            each = f"one thread {one * 1e6:.1f}, two {two * 1e6:.1f} µs: {one / two:.2f} ×"
+            each = f"one thread {one * 1e6:.1f}, two {two * 1e6:.1f} µs: {one / two:.2f} ×, {held:.0f} B a node"
             print(f"{rings:4d} rings, {name}: {each}", flush=True)
     sizes = growth(base, given.largest)
     for rings, n, seconds, held in sizes:
