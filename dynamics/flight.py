@@ -1,8 +1,9 @@
 """The flight file: VTKHDF that ParaView opens as a time series, with the numbers of the whole sail in group /series.
 
 /VTKHDF is a transient unstructured grid of fixed triangles (VTK file format documentation, "VTKHDF"): points and the
-node data temperature and velocity, the cell data temperature, strain (the larger principal
-one; of springs that of the longest of the three sides) and sector.
+node data temperature and velocity, the cell data temperature, strain (the larger principal one; of springs that of the
+longest of the three sides), slack (1 where the smaller principal stress is a pressure, which no membrane bears; not of
+springs) and sector.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ _PLAIN = {
 class Frame:
     """A snapshot: time in s, points and velocity (n, 3), node temperature (n,) in K, strain (t,) of each triangle.
 
-    failed (t,): 1 for failed triangles; None where the first failure ends the flight.
+    failed (t,): 1 for failed triangles; None where the first failure ends the flight. slack (t,): 1 for slack ones;
+    None of springs.
     """
 
     time: float
@@ -50,6 +52,7 @@ class Frame:
     temperature: Floats
     strain: Floats
     failed: Floats | None = None
+    slack: Floats | None = None
 
 
 def attitude(fit: Floats) -> Floats:
@@ -129,6 +132,8 @@ class _Grid:
         self.append("CellData/strain", frame.strain.astype(np.float32))
         if frame.failed is not None:
             self.append("CellData/failed", frame.failed.astype(np.uint8))
+        if frame.slack is not None:
+            self.append("CellData/slack", frame.slack.astype(np.uint8))
 
     def steps(self, times: list[float]) -> None:
         """Group Steps: where each time finds its numbers. Cells and the sector are those of every step."""
@@ -141,7 +146,8 @@ class _Grid:
         steps["CellOffsets"], steps["ConnectivityIdOffsets"] = none[:, None], none[:, None]
         for name in ("velocity", "temperature"):
             steps[f"PointDataOffsets/{name}"] = n * place
-        for name in ("temperature", "strain", *(["failed"] if "CellData/failed" in self._group else [])):
+        more = [name for name in ("failed", "slack") if f"CellData/{name}" in self._group]
+        for name in ("temperature", "strain", *more):
             steps[f"CellDataOffsets/{name}"] = t * place
         steps["CellDataOffsets/sector"] = none
 
@@ -165,6 +171,7 @@ def write_flight(
 ) -> None:
     """Write a flight atomically: snapshots, columns with their units, and attributes of /series (the end reason, …).
 
+    slack_area is the largest share of the sail's area that is slack in a snapshot from the release on.
     size: bytes of frames and columns. OSError if they, with a margin, do not fit on the disk.
     """
     with atomic(path) as temporary:
@@ -178,15 +185,19 @@ def _write_flight(
 ) -> None:
     with h5py.File(path, "w") as file:
         grid = _Grid(file, mesh, {"sector": mesh.sector.astype(np.int32)})
-        times = []
+        times, slack = [], []
         for frame in frames:
             grid.frame(frame)
             times.append(frame.time)
+            if frame.slack is not None and frame.time >= 0.0:
+                slack.append(float(frame.slack @ mesh.areas / mesh.areas.sum()))
         grid.steps(times)
         group = file.create_group("series")
         for name, (values, unit) in columns.items():
             group.create_dataset(name, data=values, chunks=True, **_PACKED).attrs["units"] = unit
         group.attrs.update(attributes)
+        if slack:
+            group.attrs["slack_area"] = max(slack)
 
 
 def write_mesh(path: str | Path, mesh: Mesh, cells: Mapping[str, NDArray[Any]]) -> None:

@@ -34,7 +34,7 @@ from dynamics.kernels.flown import Work
 from dynamics.kernels.integrators import State
 from dynamics.kernels.step import run
 from dynamics.kernels.triangles import Patch
-from dynamics.lattice import Floats
+from dynamics.lattice import Floats, per_triangle
 from dynamics.mesh import sail_mesh
 from dynamics.mesh_checks import check_shadow
 from dynamics.model import Membrane, build
@@ -51,6 +51,8 @@ from optics.table import PressureTable
 CHUNK = 512
 #: Part of the fingerprint of a checkpoint, as are the compiled sources: raise it when this module gives other numbers.
 SCHEMA = 4
+#: Elastic strain of pressure below which rounding may be all there is.
+LEAST_STRAIN = 1e-9
 REASONS = {
     failure.INTACT: "finished", failure.TENSILE: "tensile_failure", failure.THERMAL: "thermal_failure",
     failure.LEFT_TABLE: "left_table", failure.FLY_AWAY: "fly_away", failure.NON_FINITE: "non_finite",
@@ -251,11 +253,12 @@ class Flight:
         for numbers in self.journal.frames:
             points, velocity, temperature, failed = np.split(numbers[1:], [3 * n, 6 * n, 7 * n])
             points = points.reshape(n, 3)
-            strain = strains(self.membrane, points, temperature)
+            strain, slack = strains(self.membrane, points, temperature)
             flags = failed if failed.size else None
             if self.work.broken.gone.size:
                 strain[failed > 0] = np.nan  # of a triangle that is no longer there
-            yield Frame(float(numbers[0]), points, velocity.reshape(n, 3), temperature, strain, flags)
+                slack = None if slack is None else np.where(failed > 0, 0.0, slack)
+            yield Frame(float(numbers[0]), points, velocity.reshape(n, 3), temperature, strain, flags, slack)
 
     def columns(self) -> dict[str, tuple[Floats, str]]:
         """Columns and units of the series."""
@@ -263,10 +266,11 @@ class Flight:
         return series(np.asarray(self.journal.rows), cold)
 
 
-def strains(membrane: Membrane, points: Floats, temperature: Floats) -> Floats:
-    """Strain (t,) of the triangles at points (n, 3) in m and temperature (n,) in K.
+def strains(membrane: Membrane, points: Floats, temperature: Floats) -> tuple[Floats, Floats | None]:
+    """Strain (t,) of the triangles at points (n, 3) in m and temperature (n,) in K, and 1 (t,) where they are slack.
 
-    The larger principal strain where triangles carry the load; of springs the largest ℓ/L_T − 1 of the three sides.
+    The larger principal strain where triangles carry the load, which are slack where ε₂ + ν ε₁ < 0, that is where the
+    smaller principal stress is a pressure; of springs the largest ℓ/L_T − 1 of the three sides, and None.
     """
     mesh, model = membrane.mesh, membrane.model
     a, b = mesh.edges.T
@@ -279,13 +283,14 @@ def strains(membrane: Membrane, points: Floats, temperature: Floats) -> Floats:
         sheet.principal(
             model.sheet, whole, model.stencil, free, corners, np.ascontiguousarray(points.T), patch, found
         )
-        return np.asarray(found[0])
+        poisson = per_triangle(membrane.scene.sail, mesh, "poisson")
+        return found[0], (found[1] + poisson * found[0] < -LEAST_STRAIN).astype(float)
     free = mesh.lengths
     if model.springs.expansion.size:
         mean = 0.5 * (temperature[a] + temperature[b])
         free = free * (1.0 + membrane.lattice.expansion * (mean - REFERENCE_TEMPERATURE))
     edges = np.linalg.norm(points[b] - points[a], axis=1) / free - 1.0
-    return np.asarray(edges[mesh.triangle_edges].max(axis=1))
+    return np.asarray(edges[mesh.triangle_edges].max(axis=1)), None
 
 
 def release(membrane: Membrane, state: State) -> None:

@@ -17,10 +17,12 @@ from dynamics.kernels import stencil, tearing, thermal
 from dynamics.kernels.record import WIDTH
 from dynamics.kernels.step import run
 from dynamics.materials import MATERIALS
-from dynamics.membrane import Flight, fly
+from dynamics.membrane import Flight, fly, strains
 from dynamics.mesh import Mesh, sail_mesh
+from dynamics.model import build
 from dynamics.scene import Scene
-from tests.membranes import DRUM_MODES, dark, drum_mode, film, stencil_forces, steps, tensions
+from tests.membranes import DRUM_MODES, FIG6, altered, dark, drum_mode, film, stencil_forces, steps, tensions
+from tests.synthetic import smooth_tables
 
 YOUNG, POISSON, DENSITY, THICKNESS, RADIUS = 270e9, 0.27, 2700.0, 400e-9, 0.5
 TWO_DIMENSIONS = np.array([True, True, False])
@@ -53,6 +55,25 @@ def test_the_stiffness_matrix_is_that_of_linear_finite_elements():
     order = np.argsort(basis.nodal_dofs.T.ravel())
     got = in_plane(mesh, lattice.sheet_matrix(scene.sail, mesh)).toarray()[order][:, order]
     assert np.abs(got - want).max() < 1e-12 * np.abs(want).max()
+
+
+def test_a_sheet_is_slack_where_it_would_have_to_bear_pressure():
+    """Drawn along x it narrows by ν times that without stress across, by more under pressure. Heat makes it wider."""
+    scene = altered(FIG6, sail={"rings": 3})
+    sail = build(scene, smooth_tables())
+    rest, cold = sail.mesh.nodes, np.full(len(sail.mesh.nodes), 300.0)
+
+    def slack(along: float, across: float, temperature: np.ndarray = cold) -> set[float]:
+        found = strains(sail, rest * (1 + np.array([along, across, 0.0])), temperature)[1]
+        assert found is not None
+        assert found.shape == sail.mesh.areas.shape
+        return set(found)
+
+    assert slack(0.0, 0.0) == {0.0}
+    assert slack(1e-4, -0.99e-4 * POISSON) == {0.0}
+    assert slack(1e-4, -1.01e-4 * POISSON) == {1.0}
+    assert slack(0.0, 0.0, cold + 10.0) == {1.0}
+    assert slack(2.4e-5, 2.4e-5, cold + 10.0) == {0.0}
 
 
 def spun(rings: int, omega: float) -> tuple[Mesh, np.ndarray]:

@@ -15,7 +15,7 @@ from dynamics.flight import write_flight
 from dynamics.membrane import Flight, attributes
 from tests.membranes import dark
 
-POINTS, CELLS = {"velocity", "temperature"}, {"temperature", "strain", "sector", "failed"}
+POINTS, CELLS = {"velocity", "temperature"}, {"temperature", "strain", "sector", "failed", "slack"}
 
 
 def torn(folder: Path, on_failure: str) -> tuple[Flight, Path]:
@@ -61,6 +61,7 @@ def test_vtk_and_h5py_show_every_step_of_a_sail_that_tears(tmp_path: Path, on_fa
             for name, given, size, want in (
                 ("PointData/velocity", points, n, frame.velocity), ("CellData/strain", cells, t, frame.strain),
                 ("PointData/temperature", points, n, frame.temperature), ("CellData/failed", cells, t, frame.failed),
+                ("CellData/slack", cells, t, frame.slack),
             ):
                 seen = vtk_to_numpy(given.GetArray(name.split("/")[1]))
                 assert np.array_equal(seen, want.astype(seen.dtype), equal_nan=True)
