@@ -72,6 +72,9 @@ def test_vtk_and_h5py_show_every_step_of_a_sail_that_tears(tmp_path: Path, on_fa
         at = np.searchsorted(series["time"][()], np.array(times) - 1e-12)
         assert np.array_equal(failed, series["failed_tensile"][()][at])
         assert series.attrs["first_failure"] == "tensile_failure"
+        areas = mesh.areas / mesh.areas.sum()
+        slack = [float(frame.slack @ areas) for frame in frames if frame.time >= 0 and frame.slack is not None]
+        assert series.attrs["slack_area"] == pytest.approx(max(slack), rel=1e-12)
         assert series["time"][np.argmax(series["failed_tensile"][()] > 0)] >= series.attrs["first_failure_time"] >= 0
     assert failed[0] == 0 < failed[-1]
     assert np.isnan(frames[-1].strain).sum() == (failed[-1] if on_failure == "remove" else 0)

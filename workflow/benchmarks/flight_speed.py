@@ -35,8 +35,6 @@ from optics.files import atomic, run_stage
 from optics.table import PressureTable
 
 SCENES = Path(__file__).parents[1] / "scenes"
-#: How long `fig6` holds light and heat, and how often it writes a row.
-HELD = {"optics_every": 32, "heat_every": 32, "series_every": 64}
 #: How often flights that are compared are set up.
 PLACES = 6
 #: Of an evaluation of all elastic forces, of which the quickest counts.
@@ -152,13 +150,17 @@ def elements(base: Scene, rings: int) -> list[tuple[str, float]]:
 
 
 def effects(base: Scene, rings: int, tables: dict[str, PressureTable]) -> list[tuple[str, float]]:
-    """Seconds a step with light and heat, at several intervals, and with each effect off."""
-    found = [
+    """Seconds a step with light and heat, at several intervals."""
+    return [
         (f"optics every {k}, heat every {k}, rows every {rows}",
          step_time(scene(base, rings, flight={"optics_every": k, "heat_every": k, "series_every": rows}), tables))
         for k, rows in ((4, 8), (16, 64), (32, 64))
     ]
-    return found
+
+
+def intervals(base: Scene) -> dict[str, Any]:
+    """How long a scene holds light and heat, and how often it writes a row."""
+    return base.flight.model_dump(include={"optics_every", "heat_every", "series_every"})
 
 
 #: What a material lacks for each effect.
@@ -180,13 +182,13 @@ def switched_off(base: Scene, rings: int, repeats: int = 40) -> list[tuple[str, 
 
     Each is set up anew PLACES times: where its arrays happen to lie changes a step by up to a tenth.
     """
-    calm = {"release": {"offset_m": [0.0, 0.0], "pitch_deg": 0.0, "roll_deg": 0.0}}
+    calm = {"release": {"offset_m": [0.0, 0.0], "pitch_deg": 0.0, "roll_deg": 0.0}, "flight": intervals(base)}
     found = []
     for name, lacks in LACKS.items():
         least = [math.inf, math.inf]
         for _ in range(PLACES):
             pair = [
-                started(scene(base, rings, flight=HELD, sail={**films(base, **material), "rings": rings}, **calm,
+                started(scene(base, rings, sail={**films(base, **material), "rings": rings}, **calm,
                               effects={name: value}), {})
                 for material, value in (({}, False), (lacks, None))
             ]
@@ -205,7 +207,7 @@ def by_threads(given: Scene, tables: dict[str, PressureTable]) -> list[float]:
         for flight in flights:
             flight.step = flight.model.release
             flight.state.x[...] *= 1.0 + 1e-5
-        count = 512 if flights[0].model.masses.size < 20_000 else 64
+        count = 256 if flights[0].model.masses.size < 20_000 else 64
         for _ in range(12):
             for i, flight in enumerate(flights):
                 start = time.perf_counter()
@@ -272,7 +274,8 @@ def roofline(found: dict[str, float], sizes: list[tuple[int, int, float, float]]
     for name in ("memory", "cache"):
         axes.loglog(intensity, np.minimum(found["flops"], found[name] * intensity) / 1e9, label=f"bound of {name}")
     for rings, nodes, seconds, _ in sizes:
-        axes.plot(FLOPS / (8 * DOUBLES), nodes * FLOPS / seconds / 1e9, "o", label=f"{rings} rings")
+        speed = nodes * FLOPS / seconds / 1e9
+        axes.plot(FLOPS / (8 * DOUBLES), speed, "o", fillstyle="none", label=f"{rings} rings: {speed:.1f}")
     axes.set(xlabel="operations a byte", ylabel="10⁹ operations a second", title="Elastic step, one core")
     axes.legend(fontsize="small")
     with atomic(path) as temporary:
@@ -300,7 +303,8 @@ def main() -> None:
         rows += [(f"{name} off", off * 1e6, "µs"), (f"without {name}", without * 1e6, "µs")]
         print(f"{name + ' off':45s} {off * 1e6:8.1f} µs   {off / without:5.3f} of a sail without", flush=True)
     for rings in sorted({given.rings, given.largest}):
-        cases = [("elastic", dark(base, rings), {}), ("all effects", scene(base, rings, flight=HELD), tables)]
+        lit = scene(base, rings, flight=intervals(base))
+        cases = [("elastic", dark(base, rings), {}), ("all effects", lit, tables)]
         for name, case, needed in cases if tables else cases[:1]:
             one, two, held = by_threads(case, needed)
             rows.append((f"{rings} rings, {name}, memory", held, "bytes a node"))
