@@ -28,7 +28,7 @@ from optics.files import InputError, run_stage, versions, write_json
 from optics.table import PressureTable
 
 Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+Complexes = NDArray[np.complexfloating]
 
 SAMPLES = 128
 SLOWEST = 1000.0  # units of time in a turn: a sail moves through hundreds of oscillations, or grows beyond all numbers
