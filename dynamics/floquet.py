@@ -30,7 +30,7 @@ from optics.normal import table_response
 from optics.table import PressureTable
 
 Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+Complexes = NDArray[np.complexfloating]
 
 SAMPLES = 128
 SLOWEST = 1000.0  # units of time in a turn: a sail moves through hundreds of oscillations, or grows beyond all numbers

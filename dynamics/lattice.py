@@ -165,8 +165,8 @@ def sheet_matrix(sail: Sail, mesh: Mesh) -> csr_matrix:
     for side in range(3):
         a, b = side, (side + 1) % 3
         change[:, side, a], change[:, side, b] = 2.0 * (x[:, a] - x[:, b]), 2.0 * (x[:, b] - x[:, a])
-    change = change.reshape(len(x), 3, 9)
-    blocks = np.einsum("tip,tij,tjq->tpq", change, side_moduli(sail, mesh), change)
+    rows = change.reshape(len(x), 3, 9)
+    blocks = np.einsum("tip,tij,tjq->tpq", rows, side_moduli(sail, mesh), rows)
     return _assemble(blocks, mesh.triangles, len(mesh.nodes))
 
 

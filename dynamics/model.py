@@ -100,7 +100,7 @@ def _if(on: bool, values: Any) -> Floats:
 def _springs(mesh: Mesh, lat: Lattice, effects: Plan) -> elastic.Springs:
     m, lists = len(mesh.edges), np.empty((0, 0), np.uint32)
     if effects["damping"].on:
-        lists = slots(mesh.edges.ravel(), len(mesh.nodes), (np.arange(m)[:, None] + [0, m]).ravel(), 2 * m)
+        lists = slots(mesh.edges.ravel(), len(mesh.nodes), (np.arange(m)[:, None] + np.array([0, m])).ravel(), 2 * m)
     return elastic.Springs(
         start=unsigned(mesh.edges[:, 0]), end=unsigned(mesh.edges[:, 1]), stiffness=lat.stiffness,
         rest=_if(lat.stiffness.size > 0, mesh.lengths), slots=lists,

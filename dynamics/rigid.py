@@ -138,7 +138,7 @@ def terms_of(scene: scenes.Scene, units: Units) -> kernel.Terms:
     duration = scene.rigid.duration_s / units.time
     stops = {min(knot / units.time, duration) for knot in knots(scene.beam)} | {duration}
     spacing = 1.0 / (scene.rigid.output_Hz * units.time)
-    rows = spacing * np.arange(max(1, math.ceil(duration / spacing * (1.0 - 1e-12))))
+    rows = spacing * np.arange(max(1, math.ceil(duration / spacing * (1.0 - 1e-12))), dtype=float)
     return kernel.Terms(
         scene.rigid.tolerance, scene.flight.fly_away_m / units.length, scene.outside_table == "clamp",
         scene.rigid.most_steps, np.array(sorted(stops - {0.0})), rows,

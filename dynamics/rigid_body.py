@@ -130,7 +130,7 @@ def _arrays(
     return kernel.RigidSail(
         np.array([s.g for s in shape.sectors]), rules, shape.centre / units.length,
         np.array(numbers, dtype=np.int64), np.array([s.reflectance for s in shape.sectors]),
-        np.array([s.absorptance for s in shape.sectors]), inertia, np.linalg.inv(inertia),
+        np.array([s.absorptance for s in shape.sectors]), inertia, np.asarray(np.linalg.inv(inertia), float),
     )
 
 
