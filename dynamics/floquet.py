@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from dynamics import scene as scenes
-from dynamics.command import stage_arguments
+from dynamics.command import finish, stage_arguments
 from dynamics.derivatives import COLUMNS, ROWS, error_modes, imbalance, linearise
 from dynamics.linear import RESOLUTION, LinearModel, growth, margin
 from dynamics.rigid_body import rigid_body
@@ -205,9 +205,10 @@ def main() -> None:
     stability = analyse(scene, tables)
     write_json(arguments.out, report(scene, tables, stability))
     low, high = stability.margin_range
-    print(
-        f"{scene.name}: {stability.verdict}, largest |λ| = {stability.max_modulus:.6f} ± {stability.spread:.1g}, "
-        f"margin {stability.margin:.3g} 1/s ({low:.3g} … {high:.3g})"
+    finish(
+        arguments.out, arguments.watch,
+        f"{stability.verdict}, largest |λ| = {stability.max_modulus:.6f} ± {stability.spread:.1g}, "
+        f"margin {stability.margin:.3g} 1/s ({low:.3g} … {high:.3g})",
     )
 
 

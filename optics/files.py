@@ -200,3 +200,19 @@ class Stopwatch:
     def cpu_seconds(self) -> float:
         """CPU time of this process in seconds, the same on a busy machine and on a quiet one."""
         return time.process_time() - self._cpu
+
+
+def finish(path: str | Path, watch: Stopwatch, said: str, notes: Iterable[str] = ()) -> None:
+    """Say on standard output, in one line, what a stage made: file, how it ended, size, time, and any notes.
+
+    `said`: the end reason, verdict or count. The file is on the disk.
+    """
+    size = amount(Path(path).stat().st_size, "B")
+    line = f"{path}: {said} ({size}, {watch.seconds:.3g} s, {watch.cpu_seconds:.3g} s of CPU)"
+    print("; ".join(" ".join(part.split()) for part in (line, *notes)))
+
+
+def amount(value: float, unit: str) -> str:
+    """A number with its unit in three digits, as in '12.3 MB'; from 1 on."""
+    power = next((n for n in range(6) if value < 999.5 * 1000.0**n), 6)
+    return f"{value / 1000.0**power:.3g} {('', 'k', 'M', 'G', 'T', 'P', 'E')[power]}{unit}"
