@@ -18,7 +18,8 @@ def stage_arguments(
     """Parsed --scene, --out and, where the stage takes them, --tables of `python -m module`.
 
     `out` says what is written; `options` names further arguments, each with its help or
-    with all that `add_argument` takes. `watch` among them runs from now on. InputError where --out could not be written.
+    with all that `add_argument` takes. `watch` among what is returned runs from now on. InputError where --out could
+    not be written.
     """
     parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
     parser.add_argument("--scene", required=True, help="YAML file of the scene")

@@ -97,7 +97,8 @@ def main() -> None:
     maps = make_maps(scene, tables)
     write(arguments.out, maps, scene, tables)
     outside = int(np.isnan(maps.F_x).sum() + np.isnan(maps.F_y).sum())
-    finish(arguments.out, arguments.watch, f"{maps.F_x.size + maps.F_y.size} places of force, {outside} outside a table")
+    places = maps.F_x.size + maps.F_y.size
+    finish(arguments.out, arguments.watch, f"{places} places of force, {outside} outside a table")
 
 
 if __name__ == "__main__":

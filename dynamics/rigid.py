@@ -203,7 +203,8 @@ def main() -> None:
     flight = fly(scene, tables)
     write(arguments.out, flight, scene, tables)
     place = f" ({flight.end_place})" if flight.end_place else ""
-    finish(arguments.out, arguments.watch, f"{flight.end_reason} at {flight.time[-1]:.6g} s, {flight.steps} steps{place}")
+    said = f"{flight.end_reason} at {flight.time[-1]:.6g} s, {flight.steps} steps{place}"
+    finish(arguments.out, arguments.watch, said)
 
 
 if __name__ == "__main__":

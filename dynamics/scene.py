@@ -190,7 +190,8 @@ def main() -> None:
     arguments = stage_arguments("dynamics.scene", main.__doc__, "JSON file to write", tables=False)
     effects = plan(read_scene(arguments.scene))
     write_json(arguments.out, {name: effect.model_dump() for name, effect in effects.items()})
-    finish(arguments.out, arguments.watch, f"{sum(effect.on for effect in effects.values())} of {len(effects)} effects on")
+    on = sum(effect.on for effect in effects.values())
+    finish(arguments.out, arguments.watch, f"{on} of {len(effects)} effects on")
 
 
 if __name__ == "__main__":
