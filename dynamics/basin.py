@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from dynamics import scene as scenes
-from dynamics.command import stage_arguments
+from dynamics.command import finish, stage_arguments
 from dynamics.kernels import flight as kernel
 from dynamics.rigid import REASONS, terms_of
 from dynamics.rigid_body import RigidBody, rigid_body
@@ -215,7 +215,10 @@ def main() -> None:
         basin = fly_cells(scene, tables, grid, block_cells(grid, _block(arguments.block)))
     write(arguments.out, basin, scene, tables, grid)
     bounded = int((basin.columns["end_code"] == kernel.FINISHED).sum())
-    print(f"{scene.name}: {bounded} of {basin.cells.size} flights bounded, {basin.cpu_seconds:.3g} s of one core")
+    finish(
+        arguments.out, arguments.watch,
+        f"{bounded} of {basin.cells.size} flights bounded, flown in {basin.cpu_seconds:.3g} s of one core",
+    )
 
 
 if __name__ == "__main__":

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from dynamics import scene as scenes
-from dynamics.command import stage_arguments
+from dynamics.command import finish, stage_arguments
 from dynamics.derivatives import COLUMNS, ROWS, error_modes, imbalance, linearise
 from dynamics.linear import RESOLUTION, LinearModel, growth, margin
 from dynamics.rigid_body import rigid_body
 from dynamics.sail import load_tables, provenance, require_own_polarisation
-from dynamics.table_error import missed
+from dynamics.table_error import missed, said_missed
 from optics.files import InputError, run_stage, versions, write_json
 from optics.normal import table_response
 from optics.table import PressureTable
@@ -253,14 +253,13 @@ def main() -> None:
     write_json(arguments.out, found)
     low, high = stability.margin_range
     why = f" ({found['undecided_because']})" if found["undecided_because"] else ""
-    print(
-        f"{scene.name}: {stability.verdict}{why}, largest |λ| = {stability.max_modulus:.6f} ± {stability.spread:.1g}, "
-        f"margin {stability.margin:.3g} 1/s ({low:.3g} … {high:.3g})"
+    worst = max((one["q_error"] for one in found["table_errors"].values()), default=0.0)
+    finish(
+        arguments.out, arguments.watch,
+        f"{stability.verdict}{why}, largest |λ| = {stability.max_modulus:.6f} ± {stability.spread:.1g}, "
+        f"margin {stability.margin:.3g} 1/s ({low:.3g} … {high:.3g})",
+        [f"tables err by at most {worst:.2g} at normal incidence{said_missed(tables)}"] if tables else [],
     )
-    if tables:
-        worst = max(one["q_error"] for one in found["table_errors"].values())
-        lacking = f"; table of {', '.join(missed(tables))} MISSED its tolerance" if missed(tables) else ""
-        print(f"{scene.name}: tables err by at most {worst:.2g} at normal incidence{lacking}")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dynamics import scene as scenes
 from dynamics.attitude import rotation_from_angles
-from dynamics.command import stage_arguments
+from dynamics.command import finish, stage_arguments
 from dynamics.kernels.rigid import INSIDE
 from dynamics.rigid_body import RigidBody, rigid_body
 from dynamics.sail import load_tables, provenance, sail_shape
@@ -106,9 +106,11 @@ def main() -> None:
     arguments = stage_arguments("dynamics.maps", main.__doc__, "HDF5 file to write")
     scene = scenes.read_scene(arguments.scene)
     tables = load_tables(arguments.tables, scene)
-    met = write(arguments.out, make_maps(scene, tables), scene, tables)
-    if met.text:
-        print(f"{scene.name}: {met.text}")
+    maps = make_maps(scene, tables)
+    met = write(arguments.out, maps, scene, tables)
+    outside = int(np.isnan(maps.F_x).sum() + np.isnan(maps.F_y).sum())
+    places = maps.F_x.size + maps.F_y.size
+    finish(arguments.out, arguments.watch, f"{places} places of force, {outside} outside a table", [met.text])
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.attitude import rotation_from_angles
-from dynamics.command import stage_arguments
+from dynamics.command import finish, stage_arguments
 from dynamics.corotating import carrier_work, chord_speed
 from dynamics.flight import Frame, series, write_flight
 from dynamics.journal import Journal, leaves, numbers_digest, without
@@ -390,9 +390,7 @@ def main() -> None:
     made.replace(out)
     flight.journal.remove()
     where = "" if end.reason == "finished" else f" ({end.detail}, near {np.array2string(end.position, precision=4)} m)"
-    print(f"{scene.name}: {end.reason} at {end.time:.6g} s{where}, {end.step} steps")
-    if met.text:
-        print(f"{scene.name}: {met.text}")
+    finish(out, given.watch, f"{end.reason} at {end.time:.6g} s{where}, {end.step} steps", [met.text])
 
 
 if __name__ == "__main__":

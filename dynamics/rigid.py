@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dynamics import scene as scenes
 from dynamics.attitude import angles_from_rotation, rotation_from_quaternion
 from dynamics.beam import knots
-from dynamics.command import stage_arguments
+from dynamics.command import finish, stage_arguments
 from dynamics.kernels import flight as kernel
 from dynamics.quadrature import ERROR
 from dynamics.rigid_body import RigidBody, Units, rigid_body
@@ -212,9 +212,8 @@ def main() -> None:
     flight = fly(scene, tables)
     met = write(arguments.out, flight, scene, tables)
     place = f" ({flight.end_place})" if flight.end_place else ""
-    print(f"{scene.name}: {flight.end_reason} at {flight.time[-1]:.6g} s, {flight.steps} steps{place}")
-    if met.text:
-        print(f"{scene.name}: {met.text}")
+    said = f"{flight.end_reason} at {flight.time[-1]:.6g} s, {flight.steps} steps{place}"
+    finish(arguments.out, arguments.watch, said, [met.text])
 
 
 if __name__ == "__main__":

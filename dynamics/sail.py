@@ -120,7 +120,7 @@ def sail_shape(sail: scenes.Sail) -> SailShape:
         reflectance = sector.reflectance or 0.0
         if sector.design is None and reflectance + material.absorptance > 1.0:
             raise InputError(
-                f"sail.sectors.{i}.reflectance = {reflectance:g}: with the material's absorptance "
+                f"sail.sectors[{i}].reflectance = {reflectance:g}: with the material's absorptance "
                 f"{material.absorptance:g} it must not exceed 1"
             )
         shapes.append(SectorShape(

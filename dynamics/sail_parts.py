@@ -141,7 +141,7 @@ class Sail(Strict):
             value = getattr(self, name)
             if value != plain:
                 return f"{name} = '{value}'" if isinstance(value, str) else name
-        special = [f"sectors.{i}.g = '{s.g}'" for i, s in enumerate(self.sectors) if isinstance(s.g, str)]
+        special = [f"sectors[{i}].g = '{s.g}'" for i, s in enumerate(self.sectors) if isinstance(s.g, str)]
         return special[0] if special else None
 
     @property

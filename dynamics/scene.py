@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from dynamics.command import stage_arguments
+from dynamics.command import finish, stage_arguments
 from dynamics.sail_parts import Fraction, Sail
 from optics.files import InputError, Name, NonNegative, Pair, Positive, Strict, read_model, run_stage, write_json
 
@@ -190,6 +190,8 @@ def main() -> None:
     arguments = stage_arguments("dynamics.scene", main.__doc__, "JSON file to write", tables=False)
     effects = plan(read_scene(arguments.scene))
     write_json(arguments.out, {name: effect.model_dump() for name, effect in effects.items()})
+    on = sum(effect.on for effect in effects.values())
+    finish(arguments.out, arguments.watch, f"{on} of {len(effects)} effects on")
 
 
 if __name__ == "__main__":

@@ -63,13 +63,19 @@ class TableErrors:
         """In words, empty where no table was read."""
         if not self.design:
             return ""
-        missed = f"; table of {', '.join(self.missed)} MISSED its tolerance" if self.missed else ""
-        return f"tables err by at most {self.largest:.2g}, the force by {self.share:.2g} of the thrust{missed}"
+        lacking = f"; table of {', '.join(self.missed)} MISSED its tolerance" if self.missed else ""
+        return f"tables err by at most {self.largest:.2g}, the force by {self.share:.2g} of the thrust{lacking}"
 
 
 def missed(tables: Mapping[str, PressureTable]) -> tuple[str, ...]:
     """Designs whose tables missed their tolerance."""
     return tuple(name for name, table in tables.items() if not table.attrs.get("tolerance_met", 1))
+
+
+def said_missed(tables: Mapping[str, PressureTable]) -> str:
+    """The end of a line that names tables which missed their tolerance; empty if none did."""
+    names = missed(tables)
+    return f"; table of {', '.join(names)} MISSED its tolerance" if names else ""
 
 
 def collect(seen: Iterable[Seen], tables: Mapping[str, PressureTable], polarised: bool = False) -> TableErrors:
