@@ -139,7 +139,7 @@ def analyse(scene: scenes.Scene, tables: dict[str, PressureTable]) -> Stability:
     if scene.beam.intensity_W_m2 == 0.0:
         raise InputError(f"{scene.name}.yaml: beam.intensity_W_m2 = 0: must be above 0 for a stability analysis")
     require_own_polarisation(scene, "a stability analysis")
-    body = rigid_body(scene, tables, lookup="smooth")
+    body = rigid_body(scene, tables, lookup="smooth", quadrature=None)
     share = imbalance(scene, tables, body)
     if share > 1e-6:
         raise InputError(
@@ -210,7 +210,7 @@ def table_errors(tables: dict[str, PressureTable]) -> dict[str, Any]:
 def report(scene: scenes.Scene, tables: dict[str, PressureTable], stability: Stability) -> dict[str, Any]:
     """The outcome as JSON: complex numbers as [re, im], derivatives in SI."""
     spins = stability.model.spin != 0.0
-    units = rigid_body(scene, tables).units
+    units = rigid_body(scene, tables, quadrature=None).units
     rows = np.array([units.force] * 2 + [units.torque] * 2)
     jacobian = stability.model.jacobian * rows[:, None] / np.array([units.length, units.length, 1.0, 1.0])
     exponents = eigenvalues(stability.model.corotating()) / units.time

@@ -21,7 +21,7 @@ from dynamics.attitude import rotation_from_angles
 from dynamics.command import finish, stage_arguments
 from dynamics.kernels.rigid import INSIDE
 from dynamics.rigid_body import RigidBody, rigid_body
-from dynamics.sail import load_tables, provenance, sail_shape
+from dynamics.sail import load_tables, provenance
 from dynamics.table_error import TableErrors, rigid_errors
 from optics.files import InputError, run_stage, versions
 from optics.hdf5 import new_hdf5
@@ -81,7 +81,7 @@ def equilibria(shift: Floats, force: Floats) -> Floats:
 def map_errors(tilt: Floats, scene: scenes.Scene, tables: dict[str, PressureTable]) -> TableErrors:
     """What the tables' stated errors come to on a sail at the beam's centre, pitched and rolled by tilt (m,) in rad."""
     turns = np.array([turn for t in tilt for turn in (rotation_from_angles(t, 0, 0), rotation_from_angles(0, t, 0))])
-    return rigid_errors(scene, tables, sail_shape(scene.sail), np.zeros((len(turns), 3)), turns)
+    return rigid_errors(scene, tables, np.zeros((len(turns), 3)), turns)
 
 
 def write(path: str | Path, maps: Maps, scene: scenes.Scene, tables: dict[str, PressureTable]) -> TableErrors:

@@ -120,8 +120,7 @@ def main() -> None:
 
     sail = read_scene(arguments.scene).sail
     mesh = sail_mesh(sail)
-    thickness = np.array([r.properties.thickness_m for r in sail.regions])[mesh.sector]
-    write_mesh(arguments.out, mesh, {"sector": mesh.sector, "thickness": thickness})
+    write_mesh(arguments.out, mesh, {"sector": mesh.sector})
     finish(arguments.out, arguments.watch, f"{len(mesh.nodes)} nodes, {len(mesh.triangles)} triangles")
 
 

@@ -180,6 +180,17 @@ def check_release(scene: scenes.Scene, tables: dict[str, PressureTable]) -> None
             ) from None
 
 
+def check_place(scene: scenes.Scene, place: Floats) -> None:
+    """Refuse a centre of mass (2,) at release that is as far from the axis as where flights end."""
+    away = float(np.hypot(*place))
+    if away >= scene.fly_away:
+        raise InputError(
+            f"{scene.name}.yaml: release.offset_m = {scene.release.offset_m}: the centre of mass is {away:g} m from "
+            f"the axis: must be below {scene.fly_away:g} m, where a flight ends; release it nearer or set "
+            "flight.fly_away_m"
+        )
+
+
 def _one_wavelength(found: dict[str, tuple[Path, PressureTable]]) -> None:
     """Refuse tables of different wavelengths: one beam lights the whole sail."""
     known = [(path, wavelength(table)) for path, table in found.values() if wavelength(table) is not None]

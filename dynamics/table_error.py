@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.designs import designed
 from dynamics.mesh import Mesh
 from dynamics.regions import directions
-from dynamics.sail import SailShape, SectorShape
+from dynamics.sail import SectorShape, sail_shape
 from dynamics.scene import Scene
 from optics.table import PressureTable
 
@@ -114,10 +115,10 @@ def _spread(count: int, most: int) -> NDArray[np.int64]:
 
 
 def rigid_errors(
-    scene: Scene, tables: Mapping[str, PressureTable], shape: SailShape, position: Floats, turn: Floats
+    scene: Scene, tables: dict[str, PressureTable], position: Floats, turn: Floats
 ) -> TableErrors:
     """Along a rigid flight with its centre of mass at position (n, 3) in m and rotations (n, 3, 3) from body to lab."""
-    some = _spread(len(position), _MOST_ROWS)
+    shape, some = sail_shape(designed(scene, tables).sail), _spread(len(position), _MOST_ROWS)
     turn = turn[some]
     position = position[some] - turn[:, :, :2] @ shape.centre
     k = _yaw_blind(turn[:, :, 2]) if scene.incidence == "yaw_blind" else turn[:, 2]

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from optics.files import InputError, Name, Pair, Strict, read_mapping, validate
+from optics.section import cross_section
 from optics.wording import brief
 
 ElectricAxis = Literal["g", "r"]
@@ -108,7 +109,7 @@ class Metagrating(_Periodic):
     @property
     def mean_thickness_nm(self) -> float:
         """Thickness of the plain film of equal mass, in nm."""
-        return self.membrane_nm + self.ridge_height_nm * self.fill
+        return 1e9 * cross_section(self.model_dump()).mean_m
 
 
 class Layer(Strict):
