@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
@@ -31,7 +30,7 @@ from dynamics.rigid import REASONS, terms_of
 from dynamics.rigid_body import RigidBody, rigid_body
 from dynamics.sail import load_tables, provenance
 from optics.files import InputError, Positive, Strict, progress, read_model, run_stage, versions
-from optics.hdf5 import new_hdf5
+from optics.hdf5 import new_hdf5, read_hdf5
 from optics.table import PressureTable
 
 Floats = NDArray[np.float64]
@@ -179,7 +178,7 @@ def merge(paths: Iterable[str | Path], scene: scenes.Scene, tables: dict[str, Pr
 
 def _read_block(path: str | Path, key: str) -> Basin:
     try:
-        with h5py.File(path) as file:
+        with read_hdf5(path) as file:
             if file.attrs.get("key") != key:
                 raise InputError(f"{path}: belongs to another scene, grid or tables; make it again")
             columns = {name: file[name][()].ravel() for name in COLUMNS}

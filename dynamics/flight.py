@@ -184,7 +184,7 @@ def _write_flight(
     path: Path, mesh: Mesh, frames: Iterable[Frame], columns: Mapping[str, tuple[Floats, str]],
     attributes: Mapping[str, Any],
 ) -> None:
-    with h5py.File(path, "w") as file:
+    with h5py.File(path, "w", locking=False) as file:
         grid = _Grid(file, mesh, {"sector": mesh.sector.astype(np.int32)})
         times, slack = [], []
         for frame in frames:

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-import h5py
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
 from optics.files import InputError, Strict, versions
-from optics.hdf5 import new_hdf5
+from optics.hdf5 import new_hdf5, read_hdf5
 from optics.incidence import Floats, cutoffs
 from optics.outline import Grating
 from optics.sampling import fill
@@ -114,7 +113,7 @@ def write_rows(path: Path, cell: Grating, settings: Strict, rows: Rows) -> None:
 def read_rows(path: Path, cell: Grating, settings: Strict) -> Rows:
     """The rows of a part file; InputError where it is none, or is of another cell or other settings."""
     try:
-        with h5py.File(path, "r") as file:
+        with read_hdf5(path) as file:
             columns = [np.asarray(file[name], float) for name in _COLUMNS]
             stamp = {name: str(file.attrs.get(name)) for name in ("cell", "settings")}
     except FileNotFoundError:

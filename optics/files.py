@@ -58,7 +58,12 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML 1.2 numbers (1e9 is a number) and no duplicate keys."""
+    """The core schema of YAML 1.2 (section 10.3.2 of its specification), and no duplicate keys.
+
+    PyYAML reads YAML 1.1, where 0600 is 384, 1:30 is 90, 1e-3 is text, `no` is false and 2026-01-01 a date.
+    """
+
+    yaml_implicit_resolvers: dict[Any, Any] = {}
 
 
 def _mapping(loader: _Loader, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
@@ -69,12 +74,19 @@ def _mapping(loader: _Loader, node: yaml.MappingNode, deep: bool = False) -> dic
     return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
 
 
+def _integer(loader: _Loader, node: yaml.ScalarNode) -> int:
+    text = loader.construct_scalar(node)
+    return int(text, {"0o": 8, "0x": 16}.get(text[:2], 10))
+
+
+_INTEGER = r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+"
+_FLOAT = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"
+for _tag, _pattern in (
+    ("null", "null|Null|NULL|~|"), ("bool", "true|True|TRUE|false|False|FALSE"), ("int", _INTEGER), ("float", _FLOAT),
+):
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"^(?:{_pattern})$"), [None])
+_Loader.add_constructor("tag:yaml.org,2002:int", _integer)
 _Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(\d[\d_]*\.?[\d_]*|\.\d[\d_]*)[eE][-+]?\d+$"),
-    list("-+0123456789."),
-)
 
 
 def load_yaml(path: str | Path) -> Any:
@@ -95,6 +107,12 @@ def load_yaml(path: str | Path) -> Any:
         raise InputError(f"{path}: not valid YAML: nested too deeply") from None
     except (ValueError, LookupError, AttributeError, TypeError) as error:  # of values that are none of their type
         raise InputError(f"{path}: not valid YAML: {' '.join(str(error).split())[:100]}") from None
+
+
+def scalar(text: str) -> Any:
+    """A value given as text, on the command line, as it would be in a file: '1e-3' is a number, 'modal' stays text."""
+    loader = _Loader("")
+    return loader.construct_object(yaml.ScalarNode(loader.resolve(yaml.ScalarNode, text, (True, False)), text))
 
 
 def within_reason(data: Any) -> Any:

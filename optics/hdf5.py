@@ -1,7 +1,8 @@
-"""HDF5 files as a whole: made in memory, written by plain writes.
+"""HDF5 files as a whole: made in memory, written by plain writes, read without locks.
 
 HDF5 does not outlive a disk that is full or fails: it ends the process where it closes the file (versions 1.14, 2.0).
-Plain writes raise OSError.
+Plain writes raise OSError. Files that are renamed into place when they are whole need no locks, and some file systems
+have none: HDF5 would refuse to open them there (errors 37 and 38).
 """
 
 from __future__ import annotations
@@ -13,6 +14,11 @@ from pathlib import Path
 import h5py
 
 from optics.files import atomic
+
+
+def read_hdf5(path: str | Path) -> h5py.File:
+    """The HDF5 file at `path`, open for reading."""
+    return h5py.File(path, "r", locking=False)
 
 
 def write_bytes(path: str | Path, content: bytes | memoryview) -> None:

@@ -36,6 +36,7 @@ FIELDS = ("re_s", "im_s", "re_p", "im_p", "a_s", "a_p")
 # Under v → −v: q_g, q_n and the absorptance are even, q_r is odd; light of s2 and s3 becomes that of −s2 and −s3.
 PARITY = np.array([1.0, -1.0, 1.0, 1.0])
 STOKES_PARITY = np.array([1.0, 1.0, -1.0, -1.0])
+_UNLOCKED = {"locking": False}  # see `optics.hdf5`
 _REQUIRED = ("u", "v", "q", "absorptance", "error")
 
 Variables = dict[str, tuple[tuple[str, ...], Floats, str]]
@@ -319,7 +320,7 @@ class PressureTable:
         if not os.path.exists(path):
             raise InputError(f"{path}: no such pressure table; make it with optics.modal, fdtd or thin_film")
         try:
-            with xr.open_dataset(path, engine="h5netcdf", decode_cf=False) as data:
+            with xr.open_dataset(path, engine="h5netcdf", decode_cf=False, driver_kwds=_UNLOCKED) as data:
                 data.load()
         except Exception as refusal:
             raise InputError(f"{path}: not a readable HDF5 table ({_one_line(refusal)})") from None

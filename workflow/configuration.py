@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import importlib.util
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from dynamics.attitude import rotation_from_angles
 from dynamics.scene import Scene, read_scene
 from optics.cells import Cell, ThinFilm, read_cell
-from optics.files import InputError, Strict, load_yaml, validate
+from optics.files import InputError, Strict, load_yaml, scalar, validate
 
 SOURCE = "workflow/config.yaml"
+PROGRAM = ("workflow", "optics", "dynamics", "tests")
 
 Tolerance = Annotated[float, Field(gt=0, lt=1)]
 Cosine = Annotated[float, Field(gt=0, lt=1)]
-# A value given on the command line (`--config fdtd=false`) comes as text.
-Switch = Annotated[Literal["auto", True, False], BeforeValidator(
-    lambda x: {"true": True, "false": False}.get(x, x) if isinstance(x, str) else x
-)]
+Switch = Literal["auto", True, False]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
 
 
@@ -251,13 +251,53 @@ def _families(folder: Path, designs: list[str]) -> dict[str, int]:
     return found
 
 
-def read_config(path: str | Path) -> dict[str, Any]:
-    """Content of a configuration file, not yet validated; InputError where it is no mapping of keys to values."""
-    data = load_yaml(path)
-    if not isinstance(data, dict):
-        given = "empty" if data is None else f"a {type(data).__name__}"
-        raise InputError(f"{path}: must map keys ({', '.join(Config.model_fields)}) to values; it is {given}")
-    return data
+def read_config(paths: list[str | Path], given: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Content of configuration files, not yet validated: later ones and the command line's `given` overrule the first.
+
+    InputError where a file is no mapping of keys to values.
+    """
+    merged: dict[str, Any] = {}
+    for path in paths:
+        data = load_yaml(path)
+        if not isinstance(data, dict):
+            found = "empty" if data is None else f"a {type(data).__name__}"
+            raise InputError(f"{path}: must map keys ({', '.join(Config.model_fields)}) to values; it is {found}")
+        merged = _merged(merged, data)
+    return _merged(merged, _as_in_a_file(dict(given or {})))
+
+
+def _merged(old: Any, new: Any) -> Any:
+    """What is new overrules what is old, key by key in mappings."""
+    if not (isinstance(old, dict) and isinstance(new, Mapping)):
+        return new
+    return {**old, **{key: _merged(old.get(key), value) for key, value in new.items()}}
+
+
+def _as_in_a_file(value: Any) -> Any:
+    """A value from the command line (`--config fdtd=false`), whose parts come as text."""
+    if isinstance(value, Mapping):
+        return {key: _as_in_a_file(part) for key, part in value.items()}
+    if isinstance(value, list):
+        return [_as_in_a_file(part) for part in value]
+    return scalar(value) if isinstance(value, str) else value
+
+
+def link_program(program: Path, here: Path) -> None:
+    """Make the folders of the program appear in `here`, where results are made, if that is another folder, by links.
+
+    The program's own folder may then be one that cannot be written. InputError where something is in the way.
+    """
+    for name in PROGRAM if here.resolve() != program.resolve() else ():
+        link, target = here / name, (program / name).resolve()
+        try:
+            if link.is_symlink() and link.resolve() != target:
+                link.unlink()
+            with contextlib.suppress(FileExistsError):
+                link.symlink_to(target)
+        except OSError as error:
+            raise InputError(f"{here.resolve()}: results cannot be made here: {error.strerror}") from None
+        if link.resolve() != target:
+            raise InputError(f"{link.resolve()}: in the way of a link to {target}; make results in another folder")
 
 
 def read_plan(data: dict[str, Any], root: str | Path = ".") -> Plan:

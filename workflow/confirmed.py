@@ -12,13 +12,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pandas as pd
 from candidates import best_members
 from family import read_family
 
 from optics.files import InputError, atomic, run_stage
+from optics.hdf5 import read_hdf5
 
 COLUMNS = {
     "sail": "", "what_differs": "", "thrust_N": "N", "acceleration_m_s2": "m/s²", "margin_1_s": "1/s",
@@ -43,7 +43,7 @@ def stability(path: Path, suffix: str = "") -> dict[str, Any]:
 
 def flights(folder: Path) -> dict[str, Any]:
     """How the rigid and the flexible flight ended, and their extremes."""
-    with h5py.File(folder / "rigid.h5") as rigid, h5py.File(folder / "flight.vtkhdf") as flexible:
+    with read_hdf5(folder / "rigid.h5") as rigid, read_hdf5(folder / "flight.vtkhdf") as flexible:
         series = flexible["series"]
         distance = {name: np.hypot(*data["position"][:, :2].T).max() for name, data in
                     (("rigid", rigid), ("flexible", series))}
@@ -57,7 +57,7 @@ def flights(folder: Path) -> dict[str, Any]:
 
 def basin(path: Path) -> dict[str, int]:
     """Bounded flights of a basin map, and all of them."""
-    with h5py.File(path) as file:
+    with read_hdf5(path) as file:
         code = json.loads(file.attrs["reasons"]).index("finished")
         return {"basin_bounded": int((file["end_code"][()] == code).sum()), "basin_flights": file["end_code"].size}
 

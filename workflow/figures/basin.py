@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-import h5py
 from drawing import np, parser, plt, save
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from optics.files import InputError, run_stage
+from optics.hdf5 import read_hdf5
 
 TITLES = {"sail_frame": "incidence seen by the sail", "yaw_blind": "incidence of the paper, blind to yaw"}
 
@@ -19,7 +19,7 @@ TITLES = {"sail_frame": "incidence seen by the sail", "yaw_blind": "incidence of
 def read(path: Path) -> dict[str, Any]:
     """Datasets of a whole map, and its scene and grid; InputError where it is none."""
     try:
-        with h5py.File(path) as file:
+        with read_hdf5(path) as file:
             data = {name: item[()] for name, item in file.items()}
             data |= {name: json.loads(file.attrs[name]) for name in ("scene", "grid", "reasons")}
     except (OSError, KeyError) as error:

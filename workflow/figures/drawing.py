@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from optics.files import InputError, atomic
+from optics.hdf5 import read_hdf5
 
 Floats = NDArray[np.float64]
 
@@ -65,7 +66,7 @@ def solver(floquet: dict[str, Any]) -> str:
 def read_series(path: Path) -> dict[str, Floats]:
     """Datasets of a rigid flight, or of the group /series of a flexible one; InputError where there is no such file."""
     try:
-        with h5py.File(path) as file:
+        with read_hdf5(path) as file:
             group = file.get("series", file)
             return {name: item[()] for name, item in group.items() if isinstance(item, h5py.Dataset)}
     except OSError as error:

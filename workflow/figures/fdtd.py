@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import h5py
 from drawing import COLOURS, Floats, np, parser, plt, save
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from optics.files import InputError, run_stage
+from optics.hdf5 import read_hdf5
 from optics.table import PressureTable
 
 MARKERS = ("o", "s", "^", "D", "v", "P")
@@ -21,7 +21,7 @@ def read_parts(paths: list[Path]) -> dict[str, Floats]:
     columns: dict[str, list[Floats]] = {name: [] for name in COLUMNS}
     for path in paths:
         try:
-            with h5py.File(path) as file:
+            with read_hdf5(path) as file:
                 for name in COLUMNS:
                     columns[name].append(file[name][()])
         except (OSError, KeyError) as error:

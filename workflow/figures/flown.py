@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 from drawing import Floats, np, read_series
 
 from dynamics.scene import Scene
+from optics.hdf5 import read_hdf5
 
 #: Share of its first breadth below which a sail counts as collapsed.
 NARROW = 0.5
@@ -45,7 +45,7 @@ class Flown:
 def read(path: Path) -> Flown:
     """A flight file."""
     series = read_series(path)
-    with h5py.File(path) as file:
+    with read_hdf5(path) as file:
         end, grid = dict(file["series"].attrs), file["VTKHDF"]
         times, starts = grid["Steps/Values"][()], grid["Steps/PointOffsets"][()]
         n = int(grid["NumberOfPoints"][0])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 from drawing import BLUE, ORANGE, parser, plt, save
 from matplotlib.axes import Axes
@@ -12,6 +11,7 @@ from matplotlib.figure import Figure
 
 from dynamics.maps import equilibria
 from optics.files import run_stage
+from optics.hdf5 import read_hdf5
 
 Maps = dict[str, np.ndarray]
 
@@ -53,7 +53,7 @@ def main() -> None:
     arguments.add_argument("--maps", required=True, type=Path, help="file of dynamics.maps")
     arguments.add_argument("--name", required=True, help="name of the scene")
     given = arguments.parse_args()
-    with h5py.File(given.maps) as file:
+    with read_hdf5(given.maps) as file:
         maps = {name: file[name][()] for name in file}
     save(draw(maps, given.name), given.out, given.svg)
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 from drawing import Floats, np, parser, plt, save
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from optics.files import InputError, run_stage
+from optics.hdf5 import read_hdf5
 
 COUNT = 4
 
@@ -36,7 +36,7 @@ class Snapshot:
 def read(path: Path) -> list[Snapshot]:
     """COUNT snapshots from release, or from the start if it never came, to the end of a transient VTKHDF grid."""
     try:
-        file = h5py.File(path)
+        file = read_hdf5(path)
     except OSError as error:
         raise InputError(f"{path}: not a readable flight ({error})") from None
     with file:

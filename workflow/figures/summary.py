@@ -12,11 +12,11 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-import h5py
 import numpy as np
 from drawing import read_series, solver
 
 from optics.files import atomic, run_stage
+from optics.hdf5 import read_hdf5
 from optics.promise import read_promise
 from optics.table import PressureTable
 
@@ -77,7 +77,7 @@ def flight_rows(path: Path) -> Iterator[Row]:
     """End of results/scenes/SCENE/{rigid.h5,flight.vtkhdf}, and extremes of the flight."""
     series = read_series(path)
     of = f"{path.parent.name}, {'rigid' if path.suffix == '.h5' else 'flexible'}"
-    with h5py.File(path) as file:
+    with read_hdf5(path) as file:
         said = {**file.attrs, **(file["series"].attrs if "series" in file else {})}
     yield "flight", of, "end reason", str(said["end_reason"]), ""
     if said["table_error_design"]:

@@ -10,7 +10,7 @@ from snakemake.logging import logger
 sys.path.insert(0, workflow.basedir)
 
 from optics.files import InputError
-from workflow.configuration import SOURCE, read_config, read_plan
+from workflow.configuration import SOURCE, link_program, read_config, read_plan
 from workflow.sources import digest, sources
 
 # Jobs run the Python that runs Snakemake, each on one core; a job imports the modules of the folder it runs in.
@@ -28,12 +28,12 @@ def checked(read, *what):
         raise SystemExit(2) from None
 
 
-checked(read_config, SOURCE)
+checked(link_program, Path(workflow.basedir), Path())
 
-
-configfile: SOURCE
-
-
+# Read by the project's own reader in place of `configfile:`, which takes 1e-3 for text and 0600 for 384.
+settings = workflow.config_settings
+own = [] if settings.replace_workflow_config else [SOURCE]
+config = checked(read_config, [*own, *settings.configfiles], settings.config)
 plan = checked(read_plan, config)
 
 if not plan.fdtd:
