@@ -22,10 +22,10 @@ from optics.files import InputError, check_out, progress, run_stage, write_json
 from optics.table import PressureTable
 
 RINGS, DURATION = 12, 0.6
-TAUT = 1e-3
-HALVINGS = 6
+TAUT = 1e-2
+HALVINGS = 5
 #: Where the search begins: shares of the beam's intensity, and emissivities of a face.
-INTENSITY, EMISSIVITY = (0.2, 1.0), (0.1, 0.8)
+INTENSITY, EMISSIVITY = (0.1, 1.0), (0.1, 0.8)
 VARIANTS = [(a, p) for a in ("material", "table") for p in ("mass_equivalent", "membrane")]
 
 

@@ -32,6 +32,11 @@ def heated(scene: Scene, tables: dict[str, Any] | None = None) -> dict[str, np.n
     return fly(scene, absorbing() if tables is None else tables)[2]
 
 
+def share(series: dict[str, np.ndarray]) -> float:
+    """Absorbed share of the light at the end of a flight."""
+    return float(series["power_absorbed"][-1] / series["power_incident"][-1])
+
+
 def centred(**groups: Any) -> Scene:
     """The sail of fig6 of six rings in the middle of its beam, for two hundredths of a millisecond."""
     flight = {"duration_s": 2e-5, "series_every": 1, "optics_every": 1, **groups.pop("flight", {})}
@@ -40,12 +45,10 @@ def centred(**groups: Any) -> Scene:
 
 
 def test_a_sail_takes_up_what_its_tables_say_unless_it_is_told_otherwise():
-    power = {kind: heated(centred(**kind_of))["power_absorbed"] / heated(centred(**kind_of))["power_incident"]
-             for kind, kind_of in (("default", {}), ("material", {"absorptance": "material"}))}
-    # A third of the sail, and of a centred beam, is TE
-    assert power["default"][-1] == pytest.approx(TE / 3 + 2 * TM / 3, rel=1e-9)
-    materials = 9.448e-6 / 3 + 2 * 9.763e-6 / 3
-    assert power["material"][-1] == pytest.approx(materials, rel=1e-9)
+    # A third of the sail, and of a centred beam, is TE; spin makes it an ellipse, a little
+    assert share(heated(centred())) == pytest.approx(TE / 3 + 2 * TM / 3, rel=1e-4)
+    of_materials = 9.448e-6 / 3 + 2 * 9.763e-6 / 3
+    assert share(heated(centred(absorptance="material"))) == pytest.approx(of_materials, rel=1e-4)
 
 
 def test_regions_without_a_design_take_up_what_their_material_does(tmp_path):
@@ -60,15 +63,12 @@ def test_regions_without_a_design_take_up_what_their_material_does(tmp_path):
 def test_a_material_that_changes_with_temperature_changes_what_its_table_says_by_the_same_factor():
     material = {**FILM, "absorptance": 2e-6, "with_temperature": {"absorptance": [[300, 2e-6], [500, 8e-6]]}}
     sectors = [{**s.model_dump(), "material": material} for s in FIG6.sail.sectors]
-    start = {"start_temperature_K": 400.0}
-    shares = {kelvin: heated(centred(sail={"sectors": sectors}, flight={"start_temperature_K": kelvin}))
-              for kelvin in (300.0, 400.0, 600.0)}
-    want = TE / 3 + 2 * TM / 3
     for kelvin, factor in ((300.0, 1.0), (400.0, 2.5), (600.0, 4.0)):
-        found = shares[kelvin]["power_absorbed"][1:] / shares[kelvin]["power_incident"][1:]
-        assert found[1] == pytest.approx(factor * want, rel=2e-3)
-    own = heated(centred(sail={"sectors": sectors}, absorptance="material", flight=start))
-    assert own["power_absorbed"][2] / own["power_incident"][2] == pytest.approx(5e-6, rel=2e-3)
+        scene = centred(sail={"sectors": sectors}, flight={"start_temperature_K": kelvin})
+        # Spin and light change the temperature by a few kelvins meanwhile
+        assert share(heated(scene)) == pytest.approx(factor * (TE / 3 + 2 * TM / 3), rel=2e-2)
+    own = centred(sail={"sectors": sectors}, absorptance="material", flight={"start_temperature_K": 400.0})
+    assert share(heated(own)) == pytest.approx(5e-6, rel=2e-2)
 
 
 def test_factors_that_cannot_be_are_refused():
@@ -78,8 +78,8 @@ def test_factors_that_cannot_be_are_refused():
 
     with pytest.raises(InputError, match=r"fig6\.yaml: sail: region 0: material\.absorptance = 0: must be above 0"):
         build(scene(0.0, 1e-3), absorbing())
-    with pytest.raises(InputError, match=r"sail: region 1: .*times the table's own it comes to 3: must not exceed 1"):
-        build(scene(1e-6, 0.1), absorbing())
+    with pytest.raises(InputError, match=r"sail: region 1: .*times the table's own it comes to 2.4: must not exceed 1"):
+        build(scene(1e-6, 0.08), absorbing())
 
 
 def runaway(**flight: Any) -> Scene:

@@ -95,7 +95,8 @@ def test_what_matters_is_said_from_when_on():
 
 
 def test_flights_say_it_in_their_files_and_at_their_ends(tmp_path, monkeypatch, capsys):
-    scene = large(beam={"intensity_W_m2": 1e12}, rigid={"duration_s": 0.1}, release={"offset_m": [0.0, 0.0]})
+    beam = {"intensity_W_m2": 1e12, "radius_m": 4e3}
+    scene = large(beam=beam, rigid={"duration_s": 0.03}, release={"offset_m": [0.0, 0.0]})
     path = tmp_path / "fig6.yaml"
     path.write_text(yaml.safe_dump(scene.model_dump()), encoding="utf-8")
     monkeypatch.setattr(sys, "argv", ["rigid", "--scene", str(path), "--out", str(tmp_path / "rigid.h5")])
