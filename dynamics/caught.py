@@ -28,7 +28,7 @@ def share_wrong(mesh: Mesh, radius: float, places: Floats) -> float:
 
     It is what the whole mesh gets too much or too little, or what a wrong region gets, whichever is more. places (k, 2)
     in m: of the axis of a beam of that 1/e² radius in m, in the plane of the mesh. The integral is over pieces of an
-    eighth of the beam's radius, with less than a thousandth of the error of a triangle as wide as the beam.
+    eighth of the beam's radius, which err by a sixty-fourth of what a triangle as wide as the beam does.
     """
     side = float(mesh.lengths.max())
     if side > COARSE * radius:

@@ -36,7 +36,7 @@ class Check:
 
 
 def table_checks(modal: Path, fdtd: Path) -> Iterator[Check]:
-    """|Δq| (q_g, q_n) over the directions of the FDTD table, largest and 95 %; absorptance at normal incidence."""
+    """|Δq| (q_g, q_n) over the directions of the FDTD table, largest and 95 %; the absorptance at normal incidence."""
     rough, fine = PressureTable.read(fdtd), PressureTable.read(modal)
     q = fine.q(rough.u[:, None], rough.v)[..., [0, 2]]
     difference = np.abs(np.moveaxis(rough.q_nodes[[0, 2]], 0, -1) - q).max(axis=-1)

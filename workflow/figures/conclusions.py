@@ -125,6 +125,37 @@ def markdown(pairs: list[tuple[Study, Study]]) -> str:
     return "\n".join(out) + "\n"
 
 
+CARRIES = {"mass_equivalent": "plain film of equal mass", "membrane": "membrane alone"}
+ABSORBS = {"material": "plain film (the paper)", "table": "its gratings"}
+HEAT = """\
+The paper heats its sail with what a plain film of equal mass takes up. The gratings take up more: their tables, which
+FDTD confirms, are what `{scene}` flies on. Below are flexible flights on {rings} rings. What carries tension in the
+plane is between two bounds: the plain film of equal mass, which is right along the ridges, and the membrane below them
+alone. Slack is where the model without bending stiffness wrinkles; the temperature is that of the hottest node.
+"""
+
+
+def heat_section(heat: Study) -> list[str]:
+    """What the absorptance of the gratings does to the sail, as lines of Markdown."""
+    head = ("absorptance of", "tension carried by", "beam, GW/m²", "emissivity of a face", "end", "peak temperature, K",
+            "largest strain, %", "slack, % of the area", "largest distance, mm", "height at the end, m")
+    rows = [*heat["flights"], *(heat[name] for name in ("intensity", "emissivity") if name in heat)]
+    out = ["", "## Heat", "", HEAT.format(**heat), f"| {' | '.join(head)} |", "|" + " --- |" * len(head)]
+    for row in rows:
+        out.append("| " + " | ".join((
+            ABSORBS[row["absorptance"]], CARRIES[row["in_plane"]], f"{row['intensity_W_m2'] / 1e9:.3g}",
+            f"{row['emissivity']:.3g}", row["end"].replace("_", " "), f"{row['temperature_K']:.0f}",
+            f"{100 * row['strain']:.3f}", f"{100 * row['slack']:.3g}", f"{1e3 * row['distance_m']:.2f}",
+            f"{row['height_m']:.2f}",
+        )) + " |")
+    if "intensity" in heat:
+        beam, face = heat["intensity"]["intensity_W_m2"] / 1e9, heat["emissivity"]["emissivity"]
+        out += ["", f"Heated by its gratings and held by the film of equal mass, the sail is taut again (less than "
+                f"{100 * heat['taut']:g} % slack) in a beam of {beam:.2g} GW/m², or with an emissivity of {face:.2g} a "
+                "face: the last two rows."]
+    return out
+
+
 def draw(pairs: list[tuple[Study, Study]]) -> Figure:
     """Margin, largest distance and tilt of the flights, and basin of each case, both incidences side by side."""
     figure, panels = plt.subplots(1, 4, figsize=(14, 4.6), sharey=True, width_ratios=[1.3, 1, 1, 0.7])
@@ -166,6 +197,7 @@ def main() -> None:
     """Gather the studies of all cases."""
     arguments = parser(__doc__)
     arguments.add_argument("--studies", required=True, nargs="+", type=Path, help="JSON of each case and incidence")
+    arguments.add_argument("--heat", type=Path, help="JSON of workflow/heat.py: what the light taken up does")
     arguments.add_argument("--csv", required=True, type=Path, help="table to write")
     arguments.add_argument("--markdown", required=True, type=Path, help="table and conclusions to write")
     given = arguments.parse_args()
@@ -178,7 +210,9 @@ def main() -> None:
     for study in (study for pair in pairs for study in pair):
         line = row(study)
         writer.writerow([_text(line.get(column)) for column in COLUMNS])
-    for path, text in ((given.csv, stream.getvalue()), (given.markdown, markdown(pairs))):
+    heat = json.loads(given.heat.read_text(encoding="utf-8")) if given.heat else None
+    said = markdown(pairs) + ("\n".join(heat_section(heat)) + "\n" if heat else "")
+    for path, text in ((given.csv, stream.getvalue()), (given.markdown, said)):
         with atomic(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
     save(draw(pairs), given.out, given.svg)

@@ -176,9 +176,31 @@ rule study:
         " --tables {input.tables} --out {output} > {log} 2>&1"
 
 
+rule heat:
+    input:
+        scene="workflow/scenes/{scene}.yaml",
+        tables=flown,
+        sources=sources("workflow/heat.py"),
+    output:
+        "results/cases/heat_{scene}.json",
+    log:
+        "results/logs/cases/heat_{scene}.log",
+    benchmark:
+        "results/benchmarks/cases/heat_{scene}.tsv"
+    threads: 1
+    resources:
+        mem_mb=1500,
+        runtime=60,
+    message:
+        "What the light taken up does to {wildcards.scene}"
+    shell:
+        "python workflow/heat.py --scene {input.scene} --tables {input.tables} --out {output} > {log} 2>&1"
+
+
 rule conclusions:
     input:
         studies=studies,
+        heat="results/cases/heat_fig6.json",
         sources=sources("workflow/figures/conclusions.py"),
     output:
         csv="results/conclusions.csv",
@@ -199,7 +221,7 @@ rule conclusions:
     message:
         "What is left of the paper's conclusions"
     shell:
-        "python workflow/figures/conclusions.py --studies {input.studies} --csv {output.csv}"
+        "python workflow/figures/conclusions.py --studies {input.studies} --heat {input.heat} --csv {output.csv}"
         " --markdown {output.markdown} --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
