@@ -9,9 +9,11 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from dynamics.materials import MATERIALS, Material
-from optics.files import Name, Pair, Positive, Strict
+from optics.files import Name, Number, Pair, Strict
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
+Metres = Annotated[float, Field(ge=1e-9, le=1e9)]
+Thickness = Annotated[float, Field(ge=1e-12, le=1e3)]
 Angle = Annotated[float, Field(ge=0, lt=360)]
 
 
@@ -25,7 +27,7 @@ class Region(Strict):
     """
 
     material: str | Material
-    thickness_m: Positive | None = None
+    thickness_m: Thickness | None = None
     design: Name | None = None
     reflectance: Fraction | None = None
     g: Pair | Literal["radial", "-radial", "tangential", "-tangential"] = [1.0, 0.0]
@@ -67,7 +69,7 @@ def _ascending(sectors: list[Sector]) -> None:
 class Rim(Strict):
     """Sectors of their own from a distance from the axis on, instead of those within."""
 
-    from_m: Positive
+    from_m: Metres
     sectors: Annotated[list[Sector], Field(min_length=1)]
 
     @model_validator(mode="after")
@@ -82,8 +84,8 @@ class Grid(Strict):
     A row has one entry more than there are cuts in x; null leaves a cell to the sectors.
     """
 
-    x_m: list[float] = []
-    y_m: list[float] = []
+    x_m: list[Number] = []
+    y_m: list[Number] = []
     regions: list[list[Region | None]]
 
     @model_validator(mode="after")
@@ -111,9 +113,9 @@ class Sail(Strict):
     surface: Literal["smooth", "faceted"] = "smooth"
     depth: Annotated[float, Field(ge=-100, le=100)] | None = None
     rescale: bool = False
-    radius_m: Positive
+    radius_m: Metres
     rings: Annotated[int, Field(ge=1, le=1000)]
-    rotation_deg: float = 0.0
+    rotation_deg: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
     sectors: Annotated[list[Sector], Field(min_length=1)]
     rim: Rim | None = None
     grid: Grid | None = None
