@@ -23,8 +23,10 @@ A_NODE = {"triangles": 6700.0, "springs": 5600.0, "corotating": 19400.0}
 FACTORISED = 11_000.0
 #: Bytes a row: of a rigid flight, and of a flexible one when its file is written.
 A_ROW, A_FLEXIBLE_ROW = 900.0, 720.0
-#: Bytes a cell of a basin's map.
-A_CELL = 200.0
+#: Bytes a cell of a basin's map, and a member of a family that is screened.
+A_CELL, A_MEMBER = 200.0, 1000.0
+#: Bytes a member whose two cells are made.
+A_MADE_MEMBER = 9000.0
 #: Times of the journal on the disk while a flight's file is written beside it, with its margin.
 COPIES = 2.2
 #: No flight is started that would take longer, in s.
@@ -93,7 +95,8 @@ def require_series(scene: Scene, dt: float, steps: int, folder: Path) -> None:
         f"fly for a shorter time, or raise flight.snapshot_every_s = {scene.flight.snapshot_every_s:g} and "
         f"flight.series_every = {scene.flight.series_every}"
     )
-    require_disk(COPIES * journal_bytes(scene, dt, steps), folder, given, fewer)
+    written = sum(file.stat().st_size for file in folder.glob("*")) if folder.is_dir() else 0  # by an earlier run
+    require_disk(COPIES * journal_bytes(scene, dt, steps) - written, folder, given, fewer)
     require_memory(_rows(scene, steps) * A_FLEXIBLE_ROW, given, fewer)
     require_time(steps * LEAST, given, steps, "fly for a shorter time")
 
@@ -135,6 +138,17 @@ def say_basin(scene: Scene, cells: int, each: float) -> None:
     fewer = "map fewer releases, or fly them in blocks"
     require_time(cells * each, f"{scene.name}: {cells:,} flights", cells, fewer, "flights")
     _say(scene, f"{cells:,} flights", PROCESS + cells * A_CELL, cells * each)
+
+
+def require_members(members: int, given: str, cure: str, each: float = A_MEMBER) -> None:
+    """InputError, beginning with the file of the members, where memory does not hold so many of `each` bytes."""
+    require_memory(PROCESS + members * each, f"{given}: {members:,} members", cure)
+
+
+def say_members(scene: Scene, members: int, seconds: float) -> None:
+    """The forecast of the screening of so many members, which takes that many s, as `say_rigid`."""
+    require_time(seconds, f"{scene.name}: {members:,} members", members, "screen them in parts", "members")
+    _say(scene, f"{members:,} members", PROCESS + members * A_MEMBER, seconds)
 
 
 def say_flexible(scene: Scene, dt: float, steps: int, left: float, folder: Path) -> None:

@@ -11,15 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics import forecast, membrane, pace, rigid
+from dynamics import forecast, membrane, pace, rigid, screening
 from dynamics.mesh import sail_mesh
 from dynamics.scene import Scene
 from optics import machine
 from optics.files import InputError, Stopwatch
+from tests.families import many_cells, many_members
 from tests.membranes import FIG6, altered, film, small
 from tests.synthetic import smooth_tables
+from workflow.family import Sample, expand, read_family
 
 ROOT = Path(__file__).parents[2]
+FAMILY = read_family(ROOT / "workflow/designs/search.yaml")
 GIGA = 1e9
 SHORT = small(rings=4, flight={"duration_s": 2e-4, "spin_up_s": 1e-4, "optics_every": 4, "heat_every": 2})
 
@@ -190,3 +193,22 @@ def test_memory_of_the_machine_of_its_groups_and_of_the_process(tmp_path, monkey
 ])
 def test_times_in_words(seconds, words):
     assert machine.in_words(seconds) == words
+
+
+def test_families_and_maps_beyond_memory_are_refused_before_they_are_made(tmp_path, monkeypatch):
+    monkeypatch.setattr(machine, "available_memory", lambda: 0.5 * GIGA)
+    draw = FAMILY.model_copy(update={"sample": Sample(kind="sobol", count=100_000)})
+    for refused, line in (
+        (lambda: expand(draw, {}), "search.yaml: sample.count = 100000: 100,000 members: would take 1.1.*draw fewer"),
+        (lambda: forecast.require_cells(10**8, 1, "grid.yaml"), "grid.yaml: n_offsets · n_tilts = 100,000,000: .*"),
+        (lambda: forecast.require_members(10**7, "m.parquet", "screen parts"), "m.parquet: 10,000,000 members: .*"),
+    ):
+        with pytest.raises(InputError) as caught:
+            refused()
+        assert re.fullmatch(line, str(caught.value))
+
+
+def test_a_screening_says_first_what_it_takes(capsys):
+    screening.screen(screening.scenes.read_scene(ROOT / "workflow/scenes/fig6.yaml"), many_members(20), many_cells(20))
+    first = next(line for line in capsys.readouterr().err.splitlines() if line)
+    assert re.fullmatch(r"fig6: 380 members, 22\d MB of memory \(.* free\), about \S+ s", first)
