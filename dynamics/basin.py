@@ -25,19 +25,22 @@ from pydantic import Field
 
 from dynamics import scene as scenes
 from dynamics.command import finish, stage_arguments
+from dynamics.forecast import require_cells, say_basin
 from dynamics.kernels import flight as kernel
 from dynamics.rigid import REASONS, terms_of
 from dynamics.rigid_body import RigidBody, rigid_body
 from dynamics.sail import load_tables, provenance
-from optics.files import InputError, Positive, Strict, progress, read_model, run_stage, versions
+from optics.compiling import compiling
+from optics.files import InputError, Number, Positive, Strict, progress, read_model, run_stage, versions
 from optics.hdf5 import new_hdf5, read_hdf5
 from optics.table import PressureTable
 
 Floats = NDArray[np.float64]
 
 Tilt = Annotated[float, Field(gt=-90, lt=90)]
-Range = Annotated[list[float], Field(min_length=2, max_length=2)]
+Range = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Count = Annotated[int, Field(ge=1, le=10_000)]
+TRIALS = 5  # flights whose time is taken
 COLUMNS = ("end_time", "end_code", "distance_max", "tilt_max", "steps")
 UNITS = {"end_time": "s", "end_code": "1", "distance_max": "m", "tilt_max": "rad", "steps": "1"}
 
@@ -54,10 +57,10 @@ class Grid(Strict):
     n_offsets: Count = 25
     tilts_deg: Range = [-8.0, 8.0]
     n_tilts: Count = 41
-    offset_direction_deg: float = 45.0
-    tilt_direction_deg: float = 45.0
-    duration_s: Positive = 5.0
-    tolerance: Annotated[float, Field(gt=0, le=1e-2)] = 1e-9
+    offset_direction_deg: scenes.Rate = 45.0
+    tilt_direction_deg: scenes.Rate = 45.0
+    duration_s: scenes.Duration = 5.0
+    tolerance: Annotated[float, Field(ge=1e-15, le=1e-2)] = 1e-9
     limit_m: Positive | None = None
 
     def over(self, beam: scenes.Beam) -> Grid:
@@ -110,13 +113,18 @@ def limited(scene: scenes.Scene, grid: Grid) -> scenes.Scene:
 
 def fly_cells(scene: scenes.Scene, tables: dict[str, PressureTable], grid: Grid, cells: Iterable[int]) -> Basin:
     """Fly the given cells of a map."""
-    scene = limited(scene, grid)
-    body, rows, chosen = rigid_body(scene, tables), [], np.array(list(cells), dtype=np.int64)
+    scene, chosen = limited(scene, grid), np.array(list(cells), dtype=np.int64)
+    body = rigid_body(scene, tables)
     _outcome(body, scene.model_copy(update={"rigid": scene.rigid.model_copy(update={"most_steps": 1})}), scene.release)
     begin = time.process_time()  # everything is compiled
-    for cell in progress(chosen, f"basin {scene.name}", total=chosen.size, unit="flight"):
-        rows.append(_outcome(body, scene, grid.release(int(cell), scene.release.spin_Hz)))
-    columns = np.array(rows).reshape(-1, len(COLUMNS)).T
+    # In an order without order, so that the first flights are like the rest, and say how long it will take
+    order = np.random.default_rng(0).permutation(chosen.size)
+    rows = np.empty((chosen.size, len(COLUMNS)))
+    for i, place in enumerate(progress(order, f"basin {scene.name}", total=chosen.size, unit="flight")):
+        rows[place] = _outcome(body, scene, grid.release(int(chosen[place]), scene.release.spin_Hz))
+        if i + 1 == min(TRIALS, chosen.size):
+            say_basin(scene, chosen.size, (time.process_time() - begin) / (i + 1))
+    columns = rows.T.copy()
     return Basin(chosen, dict(zip(COLUMNS, columns, strict=True)), time.process_time() - begin)
 
 
@@ -217,7 +225,10 @@ def main() -> None:
     if arguments.parts:
         basin = merge(arguments.parts, scene, tables, grid)
     else:
-        basin = fly_cells(scene, tables, grid, block_cells(grid, _block(arguments.block)))
+        block = _block(arguments.block)
+        require_cells(grid.n_offsets * grid.n_tilts, block[1], arguments.grid or "--grid")
+        with compiling("1 min"):
+            basin = fly_cells(scene, tables, grid, block_cells(grid, block))
     write(arguments.out, basin, scene, tables, grid)
     bounded = int((basin.columns["end_code"] == kernel.FINISHED).sum())
     finish(

@@ -97,6 +97,11 @@ class Journal:
         return np.memmap(path, dtype="<f8", mode="r").reshape(-1, width)
 
     @property
+    def folder(self) -> Path:
+        """Where everything is."""
+        return self._folder
+
+    @property
     def rows(self) -> Floats:
         """All rows (k, width) so far."""
         return self._read("rows", self._width)

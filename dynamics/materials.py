@@ -26,19 +26,19 @@ class Material(Strict):
     flight takes the plain values. damping_s: retardation time τ, stress = stiffness · (strain + τ · rate of strain).
     """
 
-    thickness_m: Positive | None = None
-    density_kg_m3: Positive
-    young_Pa: Positive
+    thickness_m: Annotated[float, Field(ge=1e-12, le=1e3)] | None = None
+    density_kg_m3: Annotated[float, Field(ge=1e-6, le=1e9)]
+    young_Pa: Annotated[float, Field(ge=1e-6, le=1e18)]
     poisson: Annotated[float, Field(gt=-1, lt=0.5)]
     strength_Pa: Positive
     conductivity_W_mK: NonNegative
-    heat_capacity_J_kgK: Positive
-    expansion_1_K: float
+    heat_capacity_J_kgK: Annotated[float, Field(ge=1e-6, le=1e12)]
+    expansion_1_K: Annotated[float, Field(ge=-1, le=1)]
     emissivity_front: Annotated[float, Field(ge=0, le=1)]
     emissivity_back: Annotated[float, Field(ge=0, le=1)]
     absorptance: Annotated[float, Field(ge=0, le=1)]
-    failure_temperature_K: Positive
-    damping_s: NonNegative = 0.0
+    failure_temperature_K: Annotated[float, Field(ge=1e-3, le=1e30)]
+    damping_s: Annotated[float, Field(ge=0, le=1e3)] = 0.0
     with_temperature: dict[Changing, Table] = {}
 
     @model_validator(mode="after")

@@ -26,6 +26,7 @@ from dynamics.attitude import rotation_from_angles
 from dynamics.command import finish, stage_arguments
 from dynamics.corotating import carrier_work, chord_speed
 from dynamics.flight import Frame, series, write_flight
+from dynamics.forecast import require_mesh, require_series, say_flexible
 from dynamics.journal import Journal, leaves, numbers_digest, without
 from dynamics.kernels import carried, failure, properties, record, sheet, tearing
 from dynamics.kernels.crew import assist, dismiss
@@ -39,6 +40,7 @@ from dynamics.mesh import sail_mesh
 from dynamics.mesh_checks import check_shadow
 from dynamics.model import Membrane, build
 from dynamics.neglected import neglected, said
+from dynamics.pace import foresee, paces
 from dynamics.plan import plan
 from dynamics.sail import check_place, check_release, load_tables, provenance, require_own_polarisation
 from dynamics.scene import Scene, read_scene
@@ -46,6 +48,7 @@ from dynamics.stencil import free_sides, kept
 from dynamics.table_error import TableErrors, membrane_errors
 from dynamics.work_space import PATCH, initial_state, work_space
 from optics.compiled import digest
+from optics.compiling import compiling
 from optics.files import InputError, Stopwatch, progress, run_stage, write_json
 from optics.table import PressureTable
 
@@ -77,9 +80,11 @@ class Flight:
     """A flexible flight in progress: its state, and the journal it writes."""
 
     def __init__(self, scene: Scene, tables: dict[str, PressureTable], folder: Path, threads: int = 1) -> None:
+        require_mesh(scene)
         self.membrane: Membrane = build(scene, tables)
         self.model = self.membrane.model
         check_place(scene, np.array(scene.release.offset_m))
+        require_series(scene, self.model.dt, self.model.end, folder)
         self.state: State = initial_state(self.membrane)
         self.work: Work = work_space(
             self.model, scene.flight.on_failure, self.membrane.lattice.conductance_shares, threads
@@ -134,17 +139,38 @@ class Flight:
     def fly(self) -> End:
         """To the end, with progress on standard error and checkpoints on the way."""
         name, every = self.membrane.scene.name, self.membrane.scene.flight.checkpoint_every_s
-        with progress((), f"flexible {name}", total=self.model.end, unit="step") as bar:
-            bar.update(self.step)
-            while self.step < self.model.end:
-                before = self.step
-                end = self.advance()
-                bar.update(self.step - before)
-                if end is not None:
-                    return end
+        before, after = paces(self)
+        release, end = self.model.release, self.model.end
+
+        def done(step: int) -> int:
+            """Steps in the light that take as long as all steps up to this one."""
+            return round(before / after * min(step, release)) + max(0, step - release)
+
+        left = (done(end) - done(self.step)) * after
+        say_flexible(self.membrane.scene, self.model.dt, end, left, self.journal.folder)
+        what = f"flexible {name}"
+        with progress((), what, total=done(end), unit="step", initial=done(self.step)) as bar:
+            while self.step < end:
+                ended = self.advance()
+                bar.update(done(self.step) - bar.n)
+                if ended is not None:
+                    return ended
                 if self._saved.seconds > every:
                     self.checkpoint()
         return self._end(failure.INTACT)
+
+    def rehearse(self, start: int, count: int) -> float:
+        """Wall time in s of each of `count` steps from the start, the release or the present, which leave no trace."""
+        kept, model = [array.copy() for _, array in self._arrays()], self.model
+        if start == model.release and self.step < start:
+            release(self.membrane, self.state)
+        watch = Stopwatch()
+        last = model.release if start < model.release else model.end
+        _, reached, _ = self._run(start, min(start + count, last), True)
+        spent = watch.seconds
+        for (_, array), copy in zip(self._arrays(), kept, strict=True):
+            array[...] = copy
+        return spent / max(1, reached - start)
 
     def advance(self) -> End | None:
         """One kernel call: to the next frame, the release, or CHUNK steps on; the end, if it came."""
@@ -394,10 +420,12 @@ def main() -> None:
     if given.plan:
         write_json(given.plan, {name: effect.model_dump() for name, effect in plan(scene).items()})
     check_tilt(scene)
-    flight = Flight(scene, tables, out.with_name(out.name + ".partial"), given.threads)
-    if flight.resume():
-        print(f"{scene.name}: going on from step {flight.step}", file=sys.stderr)
-    end = flight.fly()
+    with compiling("2 min"):
+        foresee(scene, lambda coarse, folder: Flight(coarse, tables, folder, given.threads), out)
+        flight = Flight(scene, tables, out.with_name(out.name + ".partial"), given.threads)
+        if flight.resume():
+            print(f"{scene.name}: going on from step {flight.step}", file=sys.stderr)
+        end = flight.fly()
     # Within the folder first: a process killed now leaves nothing beside the output
     made = out.with_name(out.name + ".partial") / out.name
     size = flight.journal.frames.nbytes + flight.journal.rows.nbytes

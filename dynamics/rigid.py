@@ -21,12 +21,14 @@ from dynamics import scene as scenes
 from dynamics.attitude import angles_from_rotation, rotation_from_quaternion
 from dynamics.beam import knots
 from dynamics.command import finish, stage_arguments
+from dynamics.forecast import require_rows, say_rigid
 from dynamics.kernels import flight as kernel
 from dynamics.neglected import neglected, said
 from dynamics.quadrature import ERROR
 from dynamics.rigid_body import RigidBody, Units, rigid_body
 from dynamics.sail import check_place, check_release, load_tables, provenance
 from dynamics.table_error import TableErrors, rigid_errors
+from optics.compiling import compiling
 from optics.files import Stopwatch, progress, run_stage, versions
 from optics.hdf5 import new_hdf5
 from optics.table import PressureTable
@@ -42,6 +44,7 @@ COMPONENTS = (
 )
 COUNTS = ("end_reason", "end_place", "steps", "evaluations", "clamped_steps", "wall_seconds")
 PORTION = 2000  # steps between two looks at the progress
+TRIAL = 200  # steps whose time is taken
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,7 @@ def fly(
     `start` (13,) replaces the release of the scene: position, velocity, quaternion, angular velocity in SI.
     `quadrature`: error of a sector's integrals, as in `rigid_body`.
     """
-    watch = Stopwatch()
+    watch, rows = Stopwatch(), require_rows(scene)
     body = rigid_body(scene, tables, quadrature=quadrature)
     state = body.start(scene.release)
     if start is None:
@@ -124,6 +127,8 @@ def fly(
         state[: kernel.MOTION] = np.asarray(start, float) / body.units.state[: kernel.MOTION]
     terms = terms_of(scene, body.units)
     work = kernel.start(state, terms.rows.size)
+    steps, seconds = _pace(body, terms, work)
+    say_rigid(scene, rows, steps, seconds)
     _integrate(body, terms, work, scene.name)
     times, states = _rows(terms, work)
     si = states * body.units.state
@@ -146,6 +151,20 @@ def terms_of(scene: scenes.Scene, units: Units) -> kernel.Terms:
         scene.rigid.tolerance, scene.fly_away / units.length, scene.outside_table == "clamp",
         scene.rigid.most_steps, np.array(sorted(stops - {0.0})), rows,
     )
+
+
+def _pace(body: RigidBody, terms: kernel.Terms, work: kernel.Work) -> tuple[float, float]:
+    """Steps and wall time in s that a flight would take which went on as it begins, with everything compiled."""
+    trial = kernel.Work._make(array.copy() for array in work)._replace(states=work.states[:0])
+    brief = terms._replace(rows=terms.rows[:0])
+    kernel.fly(body.sail, body.tables, body.light, brief, trial, 1)
+    steps, begun, watch = trial.counts[kernel.STEPS], trial.clock[kernel.T], Stopwatch()
+    kernel.fly(body.sail, body.tables, body.light, brief, trial, TRIAL)
+    span, taken = trial.clock[kernel.T] - begun, int(trial.counts[kernel.STEPS] - steps)
+    if span <= 0.0:
+        return 1.0, 0.0
+    whole = terms.stops[-1] / span
+    return max(1.0, taken * whole), watch.seconds * whole
 
 
 def _integrate(body: RigidBody, terms: kernel.Terms, work: kernel.Work, name: str) -> None:
@@ -220,7 +239,8 @@ def main() -> None:
     scene = scenes.read_scene(arguments.scene)
     tables = load_tables(arguments.tables, scene)
     check_release(scene, tables)
-    flight = fly(scene, tables)
+    with compiling("1 min"):
+        flight = fly(scene, tables)
     met = write(arguments.out, flight, scene, tables)
     place = f" ({flight.end_place})" if flight.end_place else ""
     end = f"{flight.end_reason} at {flight.time[-1]:.6g} s, {flight.steps} steps{place}"

@@ -151,9 +151,11 @@ def load_tables(paths: Iterable[str | Path], scene: scenes.Scene) -> dict[str, P
         found[table.name] = (path, table)
     missing = [design for design in scene.sail.designs if design not in found]
     if missing:
+        these = ", ".join(f"'{design}'" for design in missing)
+        given = ", ".join(f"'{name}' ({path})" for name, (path, _) in found.items()) or "none"
         raise InputError(
-            f"{scene.name}.yaml: sail.sectors design = '{missing[0]}': no pressure table given; "
-            "add its file to --tables"
+            f"{scene.name}.yaml: sail.sectors: no pressure table of design {these} (given: {given}); add its file to "
+            "--tables"
         )
     _one_wavelength(found)
     return {design: found[design][1] for design in scene.sail.designs}

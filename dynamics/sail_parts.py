@@ -9,10 +9,12 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from dynamics.materials import MATERIALS, Material
-from optics.files import Name, Pair, Positive, Strict
+from optics.files import Name, Number, Pair, Strict
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
 MOST_RINGS = 1000
+Metres = Annotated[float, Field(ge=1e-9, le=1e9)]
+Thickness = Annotated[float, Field(ge=1e-12, le=1e3)]
 Angle = Annotated[float, Field(ge=0, lt=360)]
 
 
@@ -28,8 +30,8 @@ class Region(Strict):
     """
 
     material: str | Material
-    thickness_m: Positive | None = None
-    membrane_m: Positive | None = None
+    thickness_m: Thickness | None = None
+    membrane_m: Thickness | None = None
     design: Name | None = None
     reflectance: Fraction | None = None
     g: Pair | Literal["radial", "-radial", "tangential", "-tangential"] = [1.0, 0.0]
@@ -90,7 +92,7 @@ def _ascending(sectors: list[Sector]) -> None:
 class Rim(Strict):
     """Sectors of their own from a distance from the axis on, instead of those within."""
 
-    from_m: Positive
+    from_m: Metres
     sectors: Annotated[list[Sector], Field(min_length=1)]
 
     @model_validator(mode="after")
@@ -105,8 +107,8 @@ class Grid(Strict):
     A row has one entry more than there are cuts in x; null leaves a cell to the sectors.
     """
 
-    x_m: list[float] = []
-    y_m: list[float] = []
+    x_m: list[Number] = []
+    y_m: list[Number] = []
     regions: list[list[Region | None]]
 
     @model_validator(mode="after")
@@ -134,9 +136,9 @@ class Sail(Strict):
     surface: Literal["smooth", "faceted"] = "smooth"
     depth: Annotated[float, Field(ge=-100, le=100)] | None = None
     rescale: bool = False
-    radius_m: Positive
+    radius_m: Metres
     rings: Annotated[int, Field(ge=1, le=MOST_RINGS)]
-    rotation_deg: float = 0.0
+    rotation_deg: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
     sectors: Annotated[list[Sector], Field(min_length=1)]
     rim: Rim | None = None
     grid: Grid | None = None

@@ -15,6 +15,12 @@ from dynamics.command import finish, stage_arguments
 from dynamics.sail_parts import Fraction, Region, Sail
 from optics.files import InputError, Name, NonNegative, Pair, Positive, Strict, read_model, run_stage, write_json
 
+#: Longest time in s that a scene may speak of, 30 years, and most turns a second; most steps and intervals of steps.
+Duration = Annotated[float, Field(ge=1e-15, le=1e9)]
+Rate = Annotated[float, Field(ge=-1e9, le=1e9)]
+Count = Annotated[int, Field(ge=1, le=10**12)]
+Kelvin = Annotated[float, Field(ge=1e-3, le=1e6)]
+
 
 class Beam(Strict):
     """Gaussian beam along +z, I = I₀ exp(−2ρ²/w²); off for `delay_s`, rises in `rise_s`, on for `on_s`, falls alike.
@@ -31,8 +37,8 @@ class Beam(Strict):
     rise_s: NonNegative = 1e-6
     on_s: Positive = 1e9
     polarisation: Literal["sail", "lab", "turning"] = "sail"
-    polarisation_deg: float = 0.0
-    polarisation_Hz: float = 0.0
+    polarisation_deg: Rate = 0.0
+    polarisation_Hz: Rate = 0.0
 
     @model_validator(mode="after")
     def _one_polarisation(self) -> Beam:
@@ -47,7 +53,7 @@ class Release(Strict):
     offset_m: Pair = [0.0, 0.0]
     pitch_deg: Annotated[float, Field(gt=-90, lt=90)] = 0.0
     roll_deg: Annotated[float, Field(gt=-90, lt=90)] = 0.0
-    spin_Hz: float = 0.0
+    spin_Hz: Rate = 0.0
 
 
 class Rigid(Strict):
@@ -57,10 +63,10 @@ class Rigid(Strict):
     'published' adds the axial coordinate of the point in the body.
     """
 
-    duration_s: Positive = 1.0
-    tolerance: Annotated[float, Field(gt=0, le=1e-2)] = 1e-9
-    output_Hz: Positive = 2000.0
-    most_steps: Annotated[int, Field(ge=1)] = 10_000_000
+    duration_s: Duration = 1.0
+    tolerance: Annotated[float, Field(ge=1e-15, le=1e-2)] = 1e-9
+    output_Hz: Annotated[float, Field(ge=1e-12, le=1e15)] = 2000.0
+    most_steps: Count = 10_000_000
     beam_distance: Literal["lateral", "published"] = "lateral"
 
 
@@ -86,26 +92,26 @@ class Flight(Strict):
     'first_triangle', expansion_1_K 2.33e-6 for every material, stefan_boltzmann 5.67e-8, spin_up_gain 1.001486.
     """
 
-    duration_s: Positive = 0.1
+    duration_s: Duration = 0.1
     integrator: Literal["semi_implicit_euler", "verlet", "rk4", "corotating"] = "verlet"
-    time_step_s: Positive | None = None
+    time_step_s: Duration | None = None
     optics_every: Annotated[int, Field(ge=1, le=10000)] = 4
     heat_every: Annotated[int, Field(ge=1, le=10000)] = 4
     stiffness: Literal["triangles", "van_gelder", "lattice"] = "triangles"
     rim_factor: Positive = 1.0
     in_plane: Literal["membrane", "mass_equivalent"] = "membrane"
     conductance: Literal["cotangent", "area", "first_triangle"] = "cotangent"
-    expansion_1_K: float | None = None
+    expansion_1_K: Annotated[float, Field(ge=-1, le=1)] | None = None
     thermal_rate: Positive = 1.0
     stefan_boltzmann: Positive = 5.670374419e-8
-    start_temperature_K: Positive = 300.0
-    background_temperature_K: NonNegative = 0.0
-    spin_up_s: Positive | None = None
+    start_temperature_K: Kelvin = 300.0
+    background_temperature_K: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+    spin_up_s: Duration | None = None
     spin_up_gain: Positive | None = None
     fly_away_m: Positive | None = None
     on_failure: Literal["stop", "record", "remove"] = "stop"
     broken_fraction: Fraction = 1.0
-    series_every: Annotated[int, Field(ge=1)] = 8
+    series_every: Count = 8
     snapshot_every_s: Positive = 1e-3
     checkpoint_every_s: Positive = 60.0
 

@@ -16,11 +16,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from dynamics import scene as scenes
 from dynamics.command import finish
 from dynamics.derivatives import Moments, derivatives, moments
+from dynamics.forecast import require_members, say_members
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.linear import RESOLUTION, LinearModel, growth, margin
 from optics.files import InputError, Stopwatch, atomic, check_out, progress, run_stage
@@ -28,6 +30,7 @@ from optics.files import InputError, Stopwatch, atomic, check_out, progress, run
 Floats = NDArray[np.float64]
 
 CHUNK = 2048
+TRIAL = 64  # members whose time is taken
 SAMPLES = 16
 GROUPS = ("te", "tm")
 NUMBERS = ("q_g", "q_n", "q_g_u", "q_n_u", "absorptance")
@@ -144,9 +147,19 @@ def screen(scene: scenes.Scene, members: pd.DataFrame, cells: pd.DataFrame) -> p
         raise InputError(f"--cells: cell {min(missing)} is missing; give every block of the family's cells")
     possible = members[numbers.isin(known.index).all(axis=1)]
     chunks = [possible.iloc[i : i + CHUNK] for i in range(0, len(possible), CHUNK)]
+    if chunks:
+        say_members(scene, len(possible), _trial(scene, possible, known) * len(possible))
     found = [assess(scene, chunk, known) for chunk in progress(chunks, "screening", unit="chunk")]
     out = members.join(pd.concat(found)) if found else members.assign(verdict="impossible")
     return out.assign(verdict=out["verdict"].fillna("impossible"))
+
+
+def _trial(scene: scenes.Scene, members: pd.DataFrame, known: pd.DataFrame) -> float:
+    """Wall time in s a member, of some of them."""
+    some = members.iloc[:: max(1, len(members) // TRIAL)].iloc[:TRIAL]
+    watch = Stopwatch()
+    assess(scene, some, known)
+    return watch.seconds / len(some)
 
 
 def rank(screened: pd.DataFrame, by: str, at_least: list[str]) -> pd.DataFrame:
@@ -168,10 +181,14 @@ def rank(screened: pd.DataFrame, by: str, at_least: list[str]) -> pd.DataFrame:
 
 def read_columns(paths: list[str]) -> pd.DataFrame:
     """Rows of several Parquet files; InputError names one that can't be read."""
-    frames = []
+    frames, rows = [], 0
     for path in paths:
         try:
+            rows += pq.read_metadata(path).num_rows
+            require_members(rows, path, "screen them in parts")
             frames.append(pd.read_parquet(path))
+        except InputError:
+            raise
         except (OSError, ValueError) as error:
             raise InputError(f"{path}: not a readable Parquet file ({' '.join(str(error).split())})") from None
     return pd.concat(frames, ignore_index=True)

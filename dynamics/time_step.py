@@ -28,7 +28,7 @@ def damped_share(scene: Scene, omega: float) -> float:
                 "material has damping"
             )
     zeta = 0.5 * omega * max(region.properties.damping_s for region in scene.sail.regions)
-    return math.hypot(1.0, zeta) - zeta
+    return 1.0 / (math.hypot(1.0, zeta) + zeta)
 
 
 def _most(pairs: list[tuple[float, float]]) -> float:

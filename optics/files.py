@@ -21,10 +21,11 @@ from tqdm import tqdm
 
 from optics.wording import brief, describe
 
-# Field types of the configuration.
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+# Field types of the configuration: wide enough for everything, narrow enough for every number that follows to be one.
+Number = Annotated[float, Field(ge=-1e30, le=1e30)]
+Positive = Annotated[float, Field(ge=1e-30, le=1e30)]
+NonNegative = Annotated[float, Field(ge=0, le=1e30)]
+Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
 
 
@@ -205,10 +206,16 @@ def versions(*packages: str) -> dict[str, str]:
     return {name: importlib.metadata.version(name) for name in ("beamrider", *packages)}
 
 
-def progress(items: Iterable[Any], what: str, total: int | None = None, unit: str = "it") -> Any:
-    """`tqdm` over `items`: a bar with the time to go on a terminal, one line a minute in a log."""
+def progress(items: Iterable[Any], what: str, total: int | None = None, unit: str = "it", initial: int = 0) -> Any:
+    """`tqdm` over `items`: a bar with the time to go on a terminal, one line a minute in a log.
+
+    initial: items that an earlier run has done. The time to go follows from the mean rate of this one.
+    """
     terminal = sys.stderr.isatty()
-    return tqdm(items, desc=what, total=total, unit=unit, mininterval=0.2 if terminal else 60, ascii=not terminal)
+    return tqdm(
+        items, desc=what, total=total, unit=unit, initial=initial, smoothing=0, mininterval=0.2 if terminal else 60,
+        ascii=not terminal,
+    )
 
 
 def run_stage(main: Callable[[], None]) -> None:

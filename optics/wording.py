@@ -170,6 +170,8 @@ def _must(fault: Fault, model: type[BaseModel]) -> str:
     if fault.kind in ("model_type", "model_attributes_type") and "class_name" in limits:
         keys = next((m.model_fields for m in _models(model) if m.__name__ == limits["class_name"]), {})
         return f"a mapping of {', '.join(keys)}" if keys else MUST["dict_type"]
+    if fault.kind == "greater_than_equal" and 0 < limits["ge"] <= 1e-9 and fault.given <= 0:
+        return "greater than 0"  # the bound itself is for numbers that are far too small
     if fault.kind in ("too_short", "too_long"):
         bound = "at least {min_length}" if fault.kind == "too_short" else "at most {max_length}"
         return f"a list of {bound}".format(**limits) + " entries"

@@ -94,7 +94,8 @@ def without_locks(number: int) -> Callable[[], None]:
 
 
 def error(said: str) -> str:
-    """The one line with which a run ended, apart from its bar of progress."""
-    lines = [line for line in said.splitlines() if line and not re.search(r"\| \d+/\d+ \[", line)]
+    """The one line with which a run ended, apart from its forecast and its bar of progress."""
+    other = re.compile(r"\| \d+/\d+ \[|free\), about |^compiling, ")
+    lines = [line for line in said.splitlines() if line and not other.search(line)]
     assert len(lines) == 1
     return lines[0]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -21,9 +22,11 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from scipy.special import ndtri
 from scipy.stats import qmc
 
+from dynamics.command import finish
+from dynamics.forecast import A_MADE_MEMBER, require_members
 from dynamics.scene import Scene, read_scene
 from optics.cells import Metagrating, read_metagrating
-from optics.files import InputError, Name, Positive, Strict, atomic, read_model, run_stage, validate
+from optics.files import InputError, Name, Positive, Stopwatch, Strict, atomic, read_model, run_stage, validate
 
 Floats = NDArray[np.float64]
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
@@ -245,13 +248,16 @@ def expand(family: Family, base: dict[str, float]) -> pd.DataFrame:
     if sample.kind == "product":
         axes = {key: {t: _axis(values, base[t], None) for t in _targets(key)} for key, values in varied.items()}
         sizes = [next(iter(axis.values())).size for axis in axes.values()]
-        total = int(np.prod(sizes))
+        total = math.prod(sizes)
         if total > MOST:
             raise InputError(f"{family.name}: {total} members: must be at most {MOST}; use sample.kind sobol")
+        require_members(total, f"{family.name}.yaml", "vary less, or use sample.kind: sobol", A_MADE_MEMBER)
         picks = np.array(list(itertools.product(*map(range, sizes)))).reshape(total, len(sizes))
         columns = {t: x[picks[:, i]] for i, axis in enumerate(axes.values()) for t, x in axis.items()}
         return _members(base, columns, np.ones(total))
     count = sample.count or 0
+    drawn_at_all = count * len(sample.scales)
+    require_members(drawn_at_all, f"{family.name}.yaml: sample.count = {count}", "draw fewer", A_MADE_MEMBER)
     if sample.kind == "sobol":
         at = qmc.Sobol(len(varied), seed=sample.seed).random_base2(max(0, int(np.ceil(np.log2(count)))))[:count]
     else:
@@ -285,13 +291,14 @@ def number_cells(members: pd.DataFrame, bases: list[Metagrating]) -> tuple[pd.Da
     return members, cells
 
 
-def write(folder: Path, family: Family, scene: Scene, bases: list[Metagrating]) -> None:
-    """Write the cells and the members of a family."""
+def write(folder: Path, family: Family, scene: Scene, bases: list[Metagrating]) -> tuple[int, int]:
+    """Write the cells and the members of a family; how many there are of each."""
     members, cells = number_cells(expand(family, base_parameters(scene, bases)), bases)
     with atomic(folder / "cells.jsonl") as temporary:
         temporary.write_text("".join(f"{json.dumps(cell.model_dump())}\n" for cell in cells), encoding="utf-8")
     with atomic(folder / "members.parquet") as temporary:
         members.to_parquet(temporary, index=False)
+    return len(cells), len(members)
 
 
 def main() -> None:
@@ -301,13 +308,16 @@ def main() -> None:
     parser.add_argument("--workflow", default="workflow", type=Path, help="folder of scenes and designs")
     parser.add_argument("--out", required=True, type=Path, help="folder to write to")
     given = parser.parse_args()
+    watch = Stopwatch()
     family = read_family(given.family)
     scene = read_scene(given.workflow / "scenes" / f"{family.scene}.yaml")
     designs = [sector.design for sector in scene.sail.sectors]
     order = sorted(dict.fromkeys(designs), key=lambda design: design != designs[-1])
     if len(order) != 2 or None in order:
         raise InputError(f"{family.scene}.yaml: sail.sectors: a family needs sectors of two designs")
-    write(given.out, family, scene, [read_metagrating(given.workflow / "designs" / f"{d}.yaml") for d in order])
+    bases = [read_metagrating(given.workflow / "designs" / f"{d}.yaml") for d in order]
+    cells, members = write(given.out, family, scene, bases)
+    finish(given.out / "members.parquet", watch, f"{members:,} members of {cells:,} cells, which are solved next")
 
 
 if __name__ == "__main__":

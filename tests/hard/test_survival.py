@@ -21,6 +21,7 @@ import pytest
 
 from dynamics import flight, journal, membrane
 from dynamics.scene import Scene
+from optics import machine
 from tests import processes
 from tests.membranes import altered, small, write_inputs
 from tests.processes import error, full_at
@@ -243,6 +244,11 @@ def test_files_that_cannot_grow_end_the_flight_in_one_line_and_it_goes_on_later(
     assert same(tmp_path, whole)
 
 
+def seemingly_empty() -> None:
+    """A disk has room enough when it is asked for."""
+    machine.free_disk = lambda path: 1e12  # in the child alone
+
+
 def test_a_full_disk_ends_the_flight_in_one_line_and_it_goes_on_when_there_is_space(
     tmp_path: Path, disk: Callable[[int], Path], whole: tuple[dict[str, bytes], float]
 ):
@@ -254,7 +260,13 @@ def test_a_full_disk_ends_the_flight_in_one_line_and_it_goes_on_when_there_is_sp
     arguments, small_disk = write_inputs(tmp_path, SCENE), disk(round(kilobytes))
     out = small_disk / "flight.vtkhdf"
     limited = os.path.ismount(small_disk)
-    code, said = fly([*arguments[:-1], str(out)], (lambda: None) if limited else frames_full_at(30_000))
+    if limited:  # refused before it starts
+        code, said = fly([*arguments[:-1], str(out)])
+        assert code == 2
+        assert "fig6.yaml: flight.duration_s = 0.002: would write " in error(said)
+        assert not list(small_disk.iterdir())
+    # Another program fills the disk in the meantime
+    code, said = fly([*arguments[:-1], str(out)], seemingly_empty if limited else frames_full_at(30_000))
     assert code == 2
     assert error(said).startswith(f"error: {out}.partial/")
     assert error(said).endswith("No space left on device" if limited else "File too large")

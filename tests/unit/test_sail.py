@@ -116,7 +116,7 @@ def test_missing_foreign_double_and_unreadable_tables_are_refused(files: dict[st
     foreign = replace(smooth_tables()["mark1e_te"], attrs={"name": "other"})
     foreign.write(tmp_path / "other.h5")
     for paths, message in (
-        ([te], r"fig6.yaml: sail.sectors design = 'mark1e_tm': no pressure table given"),
+        ([te], r"fig6.yaml: sail.sectors: no pressure table of design 'mark1e_tm' \(given: 'mark1e_te' "),
         ([te, tm, te], r"mark1e_te.h5: name = 'mark1e_te': .*mark1e_te.h5 is already the table"),
         ([te, tm, tmp_path / "other.h5"], r"other.h5: name = 'other': not a design of scene 'fig6' \(allowed: mark"),
         ([te, tmp_path / "none.h5"], r"none.h5: no such pressure table"),
