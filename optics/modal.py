@@ -19,14 +19,17 @@ from optics.local import normal_response
 from optics.normal import ATTRIBUTE
 from optics.outline import SLICES, polygons, read_grating, upright
 from optics.promise import finish, promised
-from optics.refinement import Refined, first_lines, refine, start
+from optics.refinement import Refined, first_lines, start
+from optics.narrow import refine_with_resonances
 from optics.strips import Curves, breaks, rayleigh_curves
 from optics.table import PARITY, STOKES_PARITY, Cutoffs, PressureTable
 
 _LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 100, 125, 150)
 _SEEN = 0.6
 # Modes that reach the far side of their layer with less than this share of the tolerance are left out there.
-_NEGLIGIBLE = 1e-2
+_NEGLIGIBLE, _NOISE = 1e-2, 1e-5
+# Beside narrow resonances the error is seen against this many times as many orders.
+_FINER = 1.5
 # The first rows in u and lines in v² are no further apart: narrower resonances may be missed.
 _FIRST_STEP = 0.0112
 _FEWEST_ROWS, _FEWEST_LINES = 17, 6
@@ -68,10 +71,14 @@ def window_curves(cell: Metagrating | LamellarStack, u_max: float, v_max: float)
 def choose_nodes(
     cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float, order: int
 ) -> Refined:
-    """Directions at which interpolation meets `tolerance`, solved with the given `order`."""
+    """Directions and narrow resonances from which interpolation meets `tolerance`, solved with the given `order`."""
+    negligible = min(_NEGLIGIBLE * tolerance, _NOISE)
 
     def response(u: Floats, v: Floats) -> Floats:
-        return _quantities(solve(cell, u, v, order, _NEGLIGIBLE * tolerance))
+        return _quantities(solve(cell, u, v, order, negligible))
+
+    def finer(u: Floats, v: Floats) -> Floats:
+        return _quantities(solve(cell, u, v, int(np.ceil(_FINER * order)), negligible))
 
     curves = window_curves(cell, u_max, v_max)
     u = np.linspace(-u_max, u_max, max(_FEWEST_ROWS, 1 + 2 * int(np.ceil(u_max / _FIRST_STEP))))
@@ -83,7 +90,7 @@ def choose_nodes(
     v = first_lines(breaks(curves, -u_max, u_max, v_max), lines)
     parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
     samples = start(response, curves, u, v, parity, _OWN)
-    return refine(samples, tolerance, [_own_error, _error_in_any], f"modal {cell.name}")
+    return refine_with_resonances(samples, curves, finer, tolerance, [_own_error, _error_in_any], f"modal {cell.name}")
 
 
 def propagating(cell: Metagrating | LamellarStack, u_max: float) -> int:
@@ -155,9 +162,10 @@ def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, to
         "cpu_seconds": watch.cpu_seconds, "versions": versions("numpy", "scipy"),
     }
     table = PressureTable(
-        found.u, found.v, q, absorptance, error, True, False, attrs, cutoffs, q_stokes, absorptance_stokes, error_stokes
+        found.u, found.v, q, absorptance, error, True, False, attrs, cutoffs, q_stokes, absorptance_stokes, error_stokes,
+        resonances=refined.resonances if refined.resonances.count else None,
     )
-    return promised(table, tolerance)
+    return promised(table, tolerance, refined.reasons)
 
 
 def main() -> None:

@@ -112,7 +112,7 @@ def pack(
         _add_strips(numbers, places, layout, patches, k), values.parity is not None, layout.curved,
     ]
     if resonances is not None and resonances.count:
-        header += [resonances.count, numbers.add(resonances.packed()), resonances.v.size]
+        header += [resonances.count, numbers.add(resonances.packed), resonances.v.size]
     places.parts[0][: len(header)] = header
     numbers.parts[0][:7] = [*squares, *-layout.lines.shift[-2:], v[0], v[-1], per_v]
     return TableArrays(_aligned(numbers), np.concatenate(places.parts).astype(np.int64), axisymmetric, nearest)

@@ -7,18 +7,21 @@ between. A pole that fades out, or comes into the window, has height zero on the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import linear_sum_assignment
 
 from optics.files import progress
-from optics.patches import v_slopes
+from optics.patches import Values, v_slopes
 from optics.pole_sum import pack_poles, sum_poles
 from optics.rational import Complexes
 from optics.resonances import LinePoles
-from optics.strips import Floats
+from optics.strips import Curves, Floats
 
 # From v to the poles there, near those that are expected.
 Find = Callable[[float, Complexes], LinePoles]
@@ -33,14 +36,12 @@ _COMPARED = np.array([-10.0, -3.0, -1.0, -0.4, 0.0, 0.4, 1.0, 3.0, 10.0])
 class Resonances:
     """Poles over v: v (n) ascending from 0, p (n_p, n) with Im p > 0, heights h (k, n_p, n), parity (k) under v → −v.
 
-    For v ≥ 0 they add Re[h γ / (u − p)], γ = Im p, to each of the k quantities; slopes (p_v, h_v) are those in v.
+    For v ≥ 0 they add Re[h γ / (u − p)], γ = Im p, to each of the k quantities.
     """
 
     v: Floats
     p: Complexes
     h: Complexes
-    p_v: Complexes
-    h_v: Complexes
     parity: Floats
 
     @property
@@ -48,35 +49,75 @@ class Resonances:
         """Number of poles."""
         return len(self.p)
 
-    def take(self, quantities: slice) -> Resonances:
-        """Those of some of the quantities."""
-        return Resonances(
-            self.v, self.p, self.h[quantities], self.p_v, self.h_v[quantities], self.parity[quantities]
-        )
+    @cached_property
+    def felt(self) -> NDArray[np.bool_]:
+        """Where a pole has a height (n_p, n): on consecutive nodes."""
+        return np.asarray((self.h != 0.0).any(axis=0))
 
+    def take(self, quantities: slice) -> Resonances:
+        """The same poles in some of the quantities."""
+        part = Resonances(self.v, self.p, self.h[quantities], self.parity[quantities])
+        part.__dict__["felt"] = self.felt  # slopes shall be the same
+        return part
+
+    @cached_property
+    def slopes(self) -> tuple[Complexes, Complexes]:
+        """∂v of p and h, from the nodes on which each pole is felt."""
+        p_v, h_v = np.zeros_like(self.p), np.zeros_like(self.h)
+        for k, felt in enumerate(self.felt):
+            at = np.flatnonzero(felt)
+            if not at.size:
+                continue
+            part = slice(at[0], at[-1] + 1)
+            p_v[k, part] = _slopes(self.v[part], self.p[[k], part], np.ones(1))[0]
+            h_v[:, k, part] = _slopes(self.v[part], self.h[:, k, part], self.parity)
+            p_v[k, : part.start], p_v[k, part.stop :] = p_v[k, at[0]].real, p_v[k, at[-1]].real
+        return p_v, h_v
+
+    @cached_property
     def packed(self) -> Floats:
         """The numbers for `optics.pole_sum`."""
-        return pack_poles(self.v, self.p, self.h, self.p_v, self.h_v)
+        return pack_poles(self.v, self.p, self.h, *self.slopes)
 
     def on(self, u: Floats, v: Floats) -> Floats:
-        """What they add (k, ...) at directions u, v ≥ 0 (broadcast)."""
+        """What they add (k, ...) at directions u, v ≥ 0 (broadcast), k a multiple of 4."""
         uu, vv = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
         out = np.empty((uu.size, len(self.h)))
-        sum_poles(self.packed(), self.count, self.v.size, uu.flatten(), vv.flatten(), out)
+        sum_poles(self.packed, self.count, self.v.size, uu.flatten(), vv.flatten(), out)
         return np.moveaxis(out.reshape(*uu.shape, -1), -1, 0)
 
+    def place(self, pole: int, v: Floats) -> Complexes:
+        """Where a pole is (n) at v (n)."""
+        return np.asarray(CubicHermiteSpline(self.v, self.p[pole], self.slopes[0][pole])(v))
+
     def at(self, v: float) -> Complexes:
-        """Where the poles that are felt on the line v are expected."""
+        """Where the poles that are felt on the line v are."""
         j = int(np.clip(np.searchsorted(self.v, v) - 1, 0, self.v.size - 2))
-        r = (v - self.v[j]) / (self.v[j + 1] - self.v[j])
-        felt = np.abs(self.h[:, :, j : j + 2]).max(axis=(0, 2)) > 0.0
-        return np.asarray(self.p[felt, j] * (1.0 - r) + self.p[felt, j + 1] * r)
+        felt = np.flatnonzero(self.felt[:, j : j + 2].any(axis=1))
+        return np.array([complex(self.place(int(pole), np.array([v]))[0]) for pole in felt], complex)
+
+
+def _slopes(v: Floats, f: Complexes, parity: Floats) -> Complexes:
+    """∂f/∂v (k, n) of complex quantities f (k, n) on lines v (n)."""
+    if v.size < 2:
+        return np.zeros_like(f)
+    real, imag = (v_slopes(v, part[:, None], parity)[:, 0] for part in (f.real, f.imag))
+    return np.asarray(real + 1j * imag)
+
+
+def without(values: Values, curves: Curves, resonances: Resonances) -> Values:
+    """The values of a table less those of its resonances: what is interpolated."""
+    u = curves.u(values.v)
+    return replace(
+        values, nodes=values.nodes - resonances.on(values.u[:, None], values.v),
+        on_curves=values.on_curves - resonances.on(u, values.v),
+    )
 
 
 def no_resonances(parity: Floats) -> Resonances:
     """None at all."""
     none, heights = np.empty((0, 2), complex), np.empty((parity.size, 0, 2), complex)
-    return Resonances(np.array([0.0, 1.0]), none, heights, none, heights, parity)
+    return Resonances(np.array([0.0, 1.0]), none, heights, parity)
 
 
 @dataclass
@@ -113,33 +154,19 @@ def _chain(lines: list[LinePoles]) -> list[_Run]:
     return sorted([*done, *open_], key=lambda run: (run.first, run.p[0].real))
 
 
-def _both_slopes(v: Floats, f: Complexes, parity: Floats) -> Complexes:
-    """∂f/∂v (k, n) of complex quantities f (k, n) on lines v (n)."""
-    if v.size < 2:
-        return np.zeros_like(f)
-    real, imag = (v_slopes(v, part[:, None], parity)[:, 0] for part in (f.real, f.imag))
-    return np.asarray(real + 1j * imag)
-
-
 def join(lines: list[LinePoles], parity: Floats) -> Resonances:
     """Poles over v from those on lines (in order of v)."""
     runs, v = _chain(lines), np.array([line.v for line in lines])
-    shape = (len(runs), v.size)
-    p, p_v = np.zeros((2, *shape), complex)
-    h, h_v = np.zeros((2, parity.size, *shape), complex)
+    p, h = np.zeros((len(runs), v.size), complex), np.zeros((parity.size, len(runs), v.size), complex)
     for k, run in enumerate(runs):
         part = slice(run.first, run.first + len(run.p))
-        p[k, part], h[:, k, part] = run.p, np.array(run.h).T
-        p_v[k, part] = _both_slopes(v[part], p[[k], part], np.ones(1))[0]
-        h_v[:, k, part] = _both_slopes(v[part], h[:, k, part], parity)
-        p[k, : part.start], p[k, part.stop :] = run.p[0], run.p[-1]
-        for other, edge in ((part.start - 1, part.start), (part.stop, part.stop - 1)):
-            if 0 <= other < v.size:
-                p[k, other] = complex(
-                    (p[k, edge] + p_v[k, edge] * (v[other] - v[edge])).real, p[k, edge].imag
-                )
-                p_v[k, other] = p_v[k, edge].real
-    return Resonances(v, p, h, p_v, h_v, parity)
+        h[:, k, part] = np.array(run.h).T
+        # Beyond its ends, where it is not felt, the pole goes on as it ended.
+        slope = _slopes(v[part], np.array([run.p]), np.ones(1))[0].real
+        p[k, part] = run.p
+        p[k, : part.start] = run.p[0] + slope[0] * (v[: part.start] - v[part.start])
+        p[k, part.stop :] = run.p[-1] + slope[-1] * (v[part.stop :] - v[part.stop - 1])
+    return Resonances(v, p, h, parity)
 
 
 def _difference(resonances: Resonances, line: LinePoles, window: tuple[float, float], leading: int) -> float:
