@@ -14,13 +14,14 @@ from optics.files import InputError, Stopwatch, run_stage, versions
 from optics.incidence import Floats, worst_polarisation
 from optics.incidence import cutoffs as rayleigh_cutoffs
 from optics.lamellar import Response as Response
+from optics.lamellar import prepare
 from optics.lamellar import solve as solve
 from optics.local import normal_response
+from optics.narrow import are_there, refine_with_resonances
 from optics.normal import ATTRIBUTE
 from optics.outline import SLICES, polygons, read_grating, upright
 from optics.promise import finish, promised
-from optics.refinement import Refined, first_lines, start
-from optics.narrow import refine_with_resonances
+from optics.refinement import Refined, Solve, first_lines, refine, start
 from optics.strips import Curves, breaks, rayleigh_curves
 from optics.table import PARITY, STOKES_PARITY, Cutoffs, PressureTable
 
@@ -30,6 +31,7 @@ _SEEN = 0.6
 _NEGLIGIBLE, _NOISE = 1e-2, 1e-5
 # Beside narrow resonances the error is seen against this many times as many orders.
 _FINER = 1.5
+_MARGIN = 3  # orders beyond those that run within the layers, to see whether there are resonances
 # The first rows in u and lines in v² are no further apart: narrower resonances may be missed.
 _FIRST_STEP = 0.0112
 _FEWEST_ROWS, _FEWEST_LINES = 17, 6
@@ -72,13 +74,9 @@ def choose_nodes(
     cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float, order: int
 ) -> Refined:
     """Directions and narrow resonances from which interpolation meets `tolerance`, solved with the given `order`."""
-    negligible = min(_NEGLIGIBLE * tolerance, _NOISE)
-
-    def response(u: Floats, v: Floats) -> Floats:
-        return _quantities(solve(cell, u, v, order, negligible))
-
-    def finer(u: Floats, v: Floats) -> Floats:
-        return _quantities(solve(cell, u, v, int(np.ceil(_FINER * order)), negligible))
+    def solver(n: int) -> Solve:
+        negligible = min(_NEGLIGIBLE * tolerance, _NOISE)
+        return lambda u, v: _quantities(solve(cell, u, v, n, negligible))
 
     curves = window_curves(cell, u_max, v_max)
     u = np.linspace(-u_max, u_max, max(_FEWEST_ROWS, 1 + 2 * int(np.ceil(u_max / _FIRST_STEP))))
@@ -89,8 +87,19 @@ def choose_nodes(
     lines = max(_FEWEST_LINES, int(np.ceil(v_max**2 / _FIRST_STEP)))
     v = first_lines(breaks(curves, -u_max, u_max, v_max), lines)
     parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
-    samples = start(response, curves, u, v, parity, _OWN)
-    return refine_with_resonances(samples, curves, finer, tolerance, [_own_error, _error_in_any], f"modal {cell.name}")
+    name, measures = f"modal {cell.name}", (_own_error, _error_in_any)
+    samples = start(solver(order), curves, u, v, parity, _OWN)
+    if not are_there(solver(min(order, _guided(cell, u_max) + _MARGIN)), samples, curves, tolerance):
+        return refine(samples, tolerance, measures, name)
+    return refine_with_resonances(samples, curves, solver(int(np.ceil(_FINER * order))), tolerance, measures, name)
+
+
+def _guided(cell: Metagrating | LamellarStack, u_max: float) -> int:
+    """Highest order that may run within the layers for |u| ≤ u_max."""
+    stack = prepare(cell)
+    layers = [*stack.patterned, *stack.behind]
+    every = [epsilon for layer in layers for epsilon in (layer.background, *(value for *_, value in layer.ridges))]
+    return int(np.ceil((max(np.sqrt(complex(epsilon)).real for epsilon in every) + u_max) / cell.pitch))
 
 
 def propagating(cell: Metagrating | LamellarStack, u_max: float) -> int:
@@ -162,8 +171,8 @@ def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, to
         "cpu_seconds": watch.cpu_seconds, "versions": versions("numpy", "scipy"),
     }
     table = PressureTable(
-        found.u, found.v, q, absorptance, error, True, False, attrs, cutoffs, q_stokes, absorptance_stokes, error_stokes,
-        resonances=refined.resonances if refined.resonances.count else None,
+        found.u, found.v, q, absorptance, error, True, False, attrs, cutoffs, q_stokes, absorptance_stokes,
+        error_stokes, resonances=refined.resonances if refined.resonances.count else None,
     )
     return promised(table, tolerance, refined.reasons)
 

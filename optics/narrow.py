@@ -9,34 +9,61 @@ from dataclasses import replace
 
 import numpy as np
 
-from optics.refinement import Measure, Refined, Samples, Solve, refine, together
-from optics.resonances import LinePoles, find_poles
 from optics.rational import Complexes
+from optics.refinement import Measures, Refined, Samples, Solve, refine, together
+from optics.resonances import Along, LinePoles, find_poles
 from optics.strips import Curves, Floats
-from optics.tracks import Followed, Resonances, follow
+from optics.tracks import Followed, Resonances, difference, follow
 from optics.verification import beside_poles, raise_beside
 
 # Shares of the tolerance: heights that are left alone, and errors of the sum over poles between its lines of v.
 _LOWEST, _BETWEEN = 0.05, 0.2
+_SCOUTED = 9  # lines on which resonances are looked for first
 # Against 1.5 times the orders, which have 0.3 to 0.45 of the error, this times the difference is at least the error.
 _SEEN = 2.0
+
+
+def _along(solve: Solve) -> Along:
+    """Solutions along a line of v."""
+    return lambda u, v: solve(u, np.array([v]))[:, :, 0]
+
+
+def _lines(solve: Solve, samples: Samples, curves: Curves, v: Floats, lowest: float) -> list[LinePoles]:
+    """Poles on lines v; the rows of all are solved together."""
+    window, nodes = (float(samples.u[0]), float(samples.u[-1])), solve(samples.u, v)
+    return [
+        find_poles(_along(solve), curves, window, samples.u, float(y), lowest, nodes[:, :, j]) for j, y in enumerate(v)
+    ]
 
 
 def _look(samples: Samples, curves: Curves, tolerance: float, name: str) -> Followed:
     """The narrow resonances of the response on all lines of the samples, followed in between."""
     window, lowest = (float(samples.u[0]), float(samples.u[-1])), _LOWEST * tolerance
 
-    def along(u: Floats, v: float) -> Floats:
-        return samples.solve(u, np.array([v]))[:, :, 0]
-
     def find(v: float, known: Complexes) -> LinePoles:
-        return find_poles(along, curves, window, samples.u, v, lowest, known=known)
+        return find_poles(_along(samples.solve), curves, window, samples.u, v, lowest, known=known)
 
     lines = [
-        find_poles(along, curves, window, samples.u, float(v), lowest, samples.nodes[:, :, j])
+        find_poles(_along(samples.solve), curves, window, samples.u, float(v), lowest, samples.nodes[:, :, j])
         for j, v in enumerate(samples.v)
     ]
     return follow(find, lines, window, samples.parity, samples.leading, _BETWEEN * tolerance, name)
+
+
+def are_there(scout: Solve, samples: Samples, curves: Curves, tolerance: float) -> bool:
+    """Whether there are any resonances to be taken out, as seen by a solver of few orders on some lines."""
+    v = samples.v[np.unique(np.linspace(0, samples.v.size - 1, _SCOUTED).round().astype(int))]
+    return any(line.p.size for line in _lines(scout, samples, curves, v, _LOWEST * tolerance))
+
+
+def order_matters(coarse: Solve, fine: Solve, samples: Samples, curves: Curves, tolerance: float) -> float:
+    """Largest difference that resonances make by which solver they are found with, on a few lines."""
+    v = samples.v[[0, samples.v.size // 2, -1]]
+    window, worst = (float(samples.u[0]), float(samples.u[-1])), 0.0
+    pairs = (_lines(solve, samples, curves, v, _LOWEST * tolerance) for solve in (coarse, fine))
+    for one, other in zip(*pairs, strict=True):
+        worst = max(worst, difference(one, other, window, samples.leading))
+    return worst
 
 
 def _added(samples: Samples, resonances: Resonances, sign: float) -> Samples:
@@ -53,7 +80,7 @@ def _added(samples: Samples, resonances: Resonances, sign: float) -> Samples:
 
 
 def refine_with_resonances(
-    samples: Samples, curves: Curves, finer: Solve, tolerance: float, measures: list[Measure], name: str = "table"
+    samples: Samples, curves: Curves, finer: Solve, tolerance: float, measures: Measures, name: str = "table"
 ) -> Refined:
     """`refine` of the response less its narrow resonances; `finer` solves with more orders.
 
@@ -75,7 +102,7 @@ def refine_with_resonances(
 
 
 def _stated(
-    rest: Samples, found: Resonances, finer: Solve, errors: Floats, tolerance: float, measures: list[Measure]
+    rest: Samples, found: Resonances, finer: Solve, errors: Floats, tolerance: float, measures: Measures
 ) -> tuple[Floats, list[str]]:
     """Errors (m, n_u, n_v) raised beside the resonances to what is found there, and which of these are too large."""
     k, window = rest.parity.size, (float(rest.u[0]), float(rest.u[-1]))

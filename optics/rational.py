@@ -59,11 +59,11 @@ class Rational:
 
 
 def fit(z: Floats, f: Floats, tolerance: float, most: int) -> Rational:
-    """A rational function through samples f (k, n) at real points z (n) within `tolerance`, of at most `most` − 1 poles.
+    """A rational function of at most `most` − 1 poles through samples f (k, n) at real z (n) within `tolerance`.
 
     Where `most`, the number of samples or rounding ends it, its `error` is larger.
     """
-    k, n = f.shape
+    n = z.size
     rest = np.ones(n, bool)
     guess = np.repeat(f.mean(axis=1, keepdims=True), n, axis=1)
     best = Rational(z[:1], f[:, :1], np.ones(1), np.inf)

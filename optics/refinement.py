@@ -7,7 +7,7 @@ errors found go into the table's error estimate.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -24,6 +24,7 @@ from optics.verification import cover, errors_at, spread_evenly, stated
 Solve = Callable[[Floats, Floats], Floats]
 # From errors of the k quantities (k, n, m) to one error (n, m).
 Measure = Callable[[Floats], Floats]
+Measures = Sequence[Measure]
 
 # Narrower intervals in √|u − u_c| beside cut-offs are not halved.
 _SMALLEST_ROOT = 4e-3
@@ -33,7 +34,8 @@ _TEST_NARROW = (0.2, 0.5, 0.8)  # places in narrow strips
 _FIRST_BESIDE = 0.03
 # The tolerance is taken to this share of itself, one after the other, until the error that is stated of the
 # interpolation is within its part of the budget; the rest is for the orders.
-_PASSES, _BUDGET = (1.0, 0.6, 0.36), 0.5
+_PASSES, _BUDGET = (1.0, 0.6, 0.36, 0.2), 0.6
+_WORTH = 0.9  # a pass that leaves more than this of the error is the last one
 
 
 @dataclass(frozen=True)
@@ -293,14 +295,16 @@ def _refine_lines(samples: Samples, tolerance: float, name: str) -> tuple[Sample
     return samples, reasons
 
 
-def refine(samples: Samples, tolerance: float, measures: list[Measure], name: str = "table") -> Refined:
-    """Refine rows and the surroundings of cut-offs, then lines, until the stated error is good at 99 % of directions."""
+def refine(samples: Samples, tolerance: float, measures: Measures, name: str = "table") -> Refined:
+    """Refine rows and surroundings of cut-offs, then lines, until the stated error is good at 99 % of directions."""
+    at_99 = np.inf
     for share in _PASSES:
         tests = _some(samples.v, _TEST_LINES)
         samples, reasons = _refine_rows(samples, share * tolerance, name)
         samples, more = _refine_lines(samples, share * tolerance, name)
         errors = _verified(samples, _errors_around(samples, _some(samples.u, _TEST_ROWS), tests, measures), measures)
-        if _at_99(samples, errors[0]) <= _BUDGET * tolerance:
+        before, at_99 = at_99, _at_99(samples, errors[0])
+        if at_99 <= _BUDGET * tolerance or at_99 > _WORTH * before:
             break
     return Refined(samples, errors, no_resonances(samples.parity), tuple([*reasons, *more]))
 
@@ -311,19 +315,19 @@ def _at_99(samples: Samples, error: Floats) -> float:
     return float(np.quantile(stated(error[None], samples.u, samples.v, np.repeat(u, v.shape[1]), v.ravel()), 0.99))
 
 
-def _verified(samples: Samples, errors: Floats, measures: list[Measure]) -> Floats:
+def _verified(samples: Samples, errors: Floats, measures: Measures) -> Floats:
     """Errors (m, n_u, n_v) raised where random directions show them to be too small."""
     (u, v), k = spread_evenly(samples.u, samples.v), samples.parity.size
     truth = errors_at(samples.solve, samples.arrays(k), k, together(measures), u, v)
     return cover(errors, samples.u, samples.v, np.repeat(u, v.shape[1]), v.ravel(), truth.reshape(len(errors), -1))
 
 
-def together(measures: list[Measure]) -> Measure:
+def together(measures: Measures) -> Measure:
     """All measures (m, ...) at once."""
     return lambda differences: np.stack([measure(differences) for measure in measures])
 
 
-def _errors_around(samples: Samples, test_u: Floats, test_v: Floats, measures: list[Measure]) -> Floats:
+def _errors_around(samples: Samples, test_u: Floats, test_v: Floats, measures: Measures) -> Floats:
     """Errors (m, n_u, n_v) of the table as it is now around each node: errors found on the way are of coarser ones."""
     n = samples.parity.size
     arrays = samples.arrays(n)

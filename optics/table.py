@@ -78,8 +78,8 @@ class PressureTable:
     circular, e1 ∓ i e2. The nodes are chosen for the cell's own polarisation, and `error` is that of it alone;
     `error_stokes` (n_u, n_v) is that of q in whichever polarisation it is largest.
 
-    `resonances`: guided-mode resonances too narrow for the nodes, over the same v, whose heights h are those of q and the
-    absorptance (4), then of the same for each Stokes component (16). The nodes hold the response itself; what is
+    `resonances`: guided-mode resonances too narrow for the nodes, over the same v, whose heights h are those of q and
+    the absorptance (4), then of the same for each Stokes component (16). The nodes hold the response itself; what is
     interpolated between them is the rest of it, to which the look-up adds the resonances at the direction asked for.
 
     Of films: amplitudes (6, n_u, 1), real and imaginary part of r_s, those of r_p, and the absorptance of s and of p

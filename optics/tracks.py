@@ -90,11 +90,14 @@ class Resonances:
         """Where a pole is (n) at v (n)."""
         return np.asarray(CubicHermiteSpline(self.v, self.p[pole], self.slopes[0][pole])(v))
 
-    def at(self, v: float) -> Complexes:
-        """Where the poles that are felt on the line v are."""
+    def line(self, v: float) -> LinePoles:
+        """The poles that are felt on the line v."""
         j = int(np.clip(np.searchsorted(self.v, v) - 1, 0, self.v.size - 2))
-        felt = np.flatnonzero(self.felt[:, j : j + 2].any(axis=1))
-        return np.array([complex(self.place(int(pole), np.array([v]))[0]) for pole in felt], complex)
+        felt = self.felt[:, j : j + 2].any(axis=1)
+        pair, (p_v, h_v) = slice(j, j + 2), self.slopes
+        p = CubicHermiteSpline(self.v[pair], self.p[felt, pair], p_v[felt, pair], axis=-1)(v)
+        h = CubicHermiteSpline(self.v[pair], self.h[:, felt, pair], h_v[:, felt, pair], axis=-1)(v)
+        return LinePoles(v, p, h)
 
 
 def _slopes(v: Floats, f: Complexes, parity: Floats) -> Complexes:
@@ -169,13 +172,12 @@ def join(lines: list[LinePoles], parity: Floats) -> Resonances:
     return Resonances(v, p, h, parity)
 
 
-def _difference(resonances: Resonances, line: LinePoles, window: tuple[float, float], leading: int) -> float:
-    """Largest difference of both sums on a line, around all their poles."""
-    p = np.concatenate([resonances.at(line.v), line.p])
+def difference(one: LinePoles, other: LinePoles, window: tuple[float, float], leading: int) -> float:
+    """Largest difference of two sums on a line, around all their poles."""
+    p = np.concatenate([one.p, other.p])
     u = (p.real[:, None] + p.imag[:, None] * _COMPARED).ravel()
     u = u[(u >= window[0]) & (u <= window[1])]
-    apart = resonances.on(u, np.array(line.v)) - line(u)
-    return float(np.abs(apart[:leading]).max(initial=0.0))
+    return float(np.abs((one(u) - other(u))[:leading]).max(initial=0.0))
 
 
 @dataclass(frozen=True)
@@ -200,8 +202,8 @@ def follow(
         for a, b in pairwise(line.v for line in lines):
             if (a, b) in tested:
                 continue
-            line = find((a + b) / 2, resonances.at((a + b) / 2))
-            tested[a, b] = _difference(resonances, line, window, leading)
+            line = find((a + b) / 2, resonances.line((a + b) / 2).p)
+            tested[a, b] = difference(resonances.line(line.v), line, window, leading)
             if tested[a, b] > tolerance and b - a > _SMALLEST_V and len(lines) + len(more) < _MOST_LINES:
                 more.append(line)
         if not more:

@@ -7,6 +7,7 @@ they cover: they are raised until 99 % of such directions are covered, and aroun
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ _POLE_PLACES = np.array([-25.0, -6.0, -1.7, -0.6, 0.0, 0.5, 1.4, 5.0, 30.0])
 # No error is stated as less than this share of that at 99 % of the directions; they are raised until this share of
 # directions is covered.
 _LEAST, _COVERED = 0.05, 0.985
+# Where all are covered, stated errors are this times the largest ratio of true to stated ones, at least this share.
+_MARGIN, _LOWEST = 1.4, 0.3
 _WIDTHS = 5.0  # half widths on both sides of a pole to which its error belongs
 
 
@@ -58,10 +61,15 @@ def stated(errors: Floats, u: Floats, v: Floats, at_u: Floats, at_v: Floats) -> 
 
 
 def cover(errors: Floats, u: Floats, v: Floats, at_u: Floats, at_v: Floats, truth: Floats) -> Floats:
-    """Errors (m, n_u, n_v) raised until they cover the true ones (m, n) found at random directions (n)."""
+    """Errors (m, n_u, n_v) scaled until they cover the true ones (m, n) found at random directions (n), then raised.
+
+    Where they are larger than all true ones by far they are scaled down.
+    """
     errors = np.maximum(errors, _LEAST * np.quantile(truth, 0.99, axis=1)[:, None, None] + 1e-15)
-    factor = np.quantile(truth / stated(errors, u, v, at_u, at_v), _COVERED, axis=1)
-    errors = errors * np.maximum(factor, 1.0)[:, None, None]
+    ratio = truth / stated(errors, u, v, at_u, at_v)
+    factor = np.maximum(np.quantile(ratio, _COVERED, axis=1), 1.0)
+    factor = np.where(ratio.max(axis=1) < 1.0, np.clip(_MARGIN * ratio.max(axis=1), _LOWEST, 1.0), factor)
+    errors = errors * factor[:, None, None]
     left = truth - stated(errors, u, v, at_u, at_v)
     reach = (u[-1] - u[0]) / _IN_U / 2, v[-1] / _IN_V / 8
     for p in np.flatnonzero((left > 0).any(axis=0)):
@@ -100,7 +108,7 @@ def raise_beside(
 ) -> Floats:
     """Errors (m, n_u, n_v) of the nodes around each pole raised to those found beside it."""
     errors = errors.copy()
-    fine = np.unique(np.concatenate([np.linspace(a, b, 5) for a, b in zip(v[:-1], v[1:], strict=True)]))
+    fine = np.unique(np.concatenate([np.linspace(a, b, 5) for a, b in pairwise(v)]))
     for pole, lines, worst in found:
         right = np.clip(np.searchsorted(lines, fine), 1, max(lines.size - 1, 1))
         here = np.maximum(worst[:, right - 1], worst[:, np.minimum(right, lines.size - 1)])
