@@ -42,6 +42,7 @@ from dynamics.plan import plan
 from dynamics.sail import check_release, load_tables, provenance, require_own_polarisation
 from dynamics.scene import Scene, read_scene
 from dynamics.stencil import free_sides, kept
+from dynamics.table_error import TableErrors, membrane_errors
 from dynamics.work_space import PATCH, initial_state, work_space
 from optics.compiled import digest
 from optics.files import InputError, Stopwatch, progress, run_stage, write_json
@@ -330,6 +331,13 @@ def first_failure(flight: Flight) -> dict[str, Any]:
     return {"first_failure": kind, "first_failure_triangle": int(broken.tally[tearing.FIRST]), **place}
 
 
+def errors_met(flight: Flight, tables: dict[str, PressureTable]) -> TableErrors:
+    """What the tables' stated errors come to on the way of a flight, in its snapshots from the release on."""
+    n, mesh = flight.model.masses.size, flight.membrane.mesh
+    points = [numbers[1 : 1 + 3 * n].reshape(n, 3) for numbers in flight.journal.frames if numbers[0] >= 0.0]
+    return membrane_errors(flight.membrane.scene, tables, mesh, points)
+
+
 def attributes(flight: Flight, end: End, tables: dict[str, PressureTable]) -> dict[str, Any]:
     """What /series says about the whole flight."""
     model, scene = flight.model, flight.membrane.scene
@@ -376,11 +384,15 @@ def main() -> None:
     # Within the folder first: a process killed now leaves nothing beside the output
     made = out.with_name(out.name + ".partial") / out.name
     size = flight.journal.frames.nbytes + flight.journal.rows.nbytes
-    write_flight(made, flight.membrane.mesh, flight.frames(), flight.columns(), attributes(flight, end, tables), size)
+    met = errors_met(flight, tables)
+    said = attributes(flight, end, tables) | met.attributes()
+    write_flight(made, flight.membrane.mesh, flight.frames(), flight.columns(), said, size)
     made.replace(out)
     flight.journal.remove()
     where = "" if end.reason == "finished" else f" ({end.detail}, near {np.array2string(end.position, precision=4)} m)"
     print(f"{scene.name}: {end.reason} at {end.time:.6g} s{where}, {end.step} steps")
+    if met.text:
+        print(f"{scene.name}: {met.text}")
 
 
 if __name__ == "__main__":

@@ -24,7 +24,8 @@ from dynamics.command import stage_arguments
 from dynamics.kernels import flight as kernel
 from dynamics.quadrature import ERROR
 from dynamics.rigid_body import RigidBody, Units, rigid_body
-from dynamics.sail import check_release, load_tables, provenance
+from dynamics.sail import check_release, load_tables, provenance, sail_shape
+from dynamics.table_error import TableErrors, rigid_errors
 from optics.files import Stopwatch, progress, run_stage, versions
 from optics.hdf5 import new_hdf5
 from optics.table import PressureTable
@@ -172,8 +173,14 @@ def _place(work: kernel.Work, units: Units) -> str:
     return f"{what}t = {work.clock[kernel.T] * units.time:.9g} s, x = {x:.6g} m, y = {y:.6g} m, z = {z:.6g} m"
 
 
-def write(path: str | Path, flight: RigidFlight, scene: scenes.Scene, tables: dict[str, PressureTable]) -> None:
-    """Write a flight as HDF5, atomically: one dataset a quantity, its unit an attribute; the scene as JSON."""
+def write(
+    path: str | Path, flight: RigidFlight, scene: scenes.Scene, tables: dict[str, PressureTable]
+) -> TableErrors:
+    """Write a flight as HDF5, atomically: one dataset a quantity, its unit an attribute; the scene as JSON.
+
+    Returns what the tables' stated errors come to on its way, which the file says too.
+    """
+    met = rigid_errors(scene, tables, sail_shape(scene.sail), flight.position, flight.rotation)
     roll, pitch, yaw = flight.angles
     columns = {
         "time": (flight.time, "s"), "position": (flight.position, "m"), "velocity": (flight.velocity, "m/s"),
@@ -191,7 +198,9 @@ def write(path: str | Path, flight: RigidFlight, scene: scenes.Scene, tables: di
             "scene": scene.model_dump_json(), "tables": json.dumps(provenance(tables)),
             "versions": json.dumps(versions("numpy", "scipy", "numba")),
             "mass_kg": flight.mass, "inertia_kg_m2": flight.inertia, **{key: getattr(flight, key) for key in COUNTS},
+            **met.attributes(),
         })
+    return met
 
 
 def main() -> None:
@@ -201,9 +210,11 @@ def main() -> None:
     tables = load_tables(arguments.tables, scene)
     check_release(scene, tables)
     flight = fly(scene, tables)
-    write(arguments.out, flight, scene, tables)
+    met = write(arguments.out, flight, scene, tables)
     place = f" ({flight.end_place})" if flight.end_place else ""
     print(f"{scene.name}: {flight.end_reason} at {flight.time[-1]:.6g} s, {flight.steps} steps{place}")
+    if met.text:
+        print(f"{scene.name}: {met.text}")
 
 
 if __name__ == "__main__":

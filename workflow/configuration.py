@@ -39,6 +39,7 @@ class Config(Strict):
     designs: list[Name]
     tables: Literal["modal", "fdtd"]
     modal: Grid
+    accept_missed: bool
     fdtd: Switch
     fdtd_designs: list[Name]
     fdtd_parts: Annotated[int, Field(ge=1, le=1000)]
