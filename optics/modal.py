@@ -17,7 +17,7 @@ from optics.lamellar import Response as Response
 from optics.lamellar import prepare
 from optics.lamellar import solve as solve
 from optics.local import normal_response
-from optics.narrow import are_there, refine_with_resonances
+from optics.narrow import FINER, are_there, enough_orders, refine_with_resonances
 from optics.normal import ATTRIBUTE
 from optics.outline import SLICES, polygons, read_grating, upright
 from optics.promise import finish, promised
@@ -28,8 +28,7 @@ from optics.truncation import choose_order, order_error
 
 # Modes that reach the far side of their layer with less than this share of the tolerance are left out there.
 _NEGLIGIBLE, _NOISE = 1e-2, 1e-5
-# Beside narrow resonances the error is seen against this many times as many orders.
-_FINER = 1.5
+_MOST_ORDERS = 60  # for the sake of resonances
 _MARGIN = 3  # orders beyond those that run within the layers, to see whether there are resonances
 # The first rows in u and lines in v² are no further apart: narrower resonances may be missed.
 _FIRST_STEP = 0.0112
@@ -71,8 +70,12 @@ def window_curves(cell: Metagrating | LamellarStack, u_max: float, v_max: float)
 
 def choose_nodes(
     cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float, order: int
-) -> Refined:
-    """Directions and narrow resonances from which interpolation meets `tolerance`, solved with the given `order`."""
+) -> tuple[int, Refined]:
+    """Directions and narrow resonances from which interpolation meets `tolerance`, solved with `order`.
+
+    More orders, which are returned, where those don't suffice for the resonances: these move by more than their width.
+    """
+
     def solver(n: int) -> Solve:
         negligible = min(_NEGLIGIBLE * tolerance, _NOISE)
         return lambda u, v: _quantities(solve(cell, u, v, n, negligible))
@@ -89,8 +92,12 @@ def choose_nodes(
     name, measures = f"modal {cell.name}", (_own_error, _error_in_any)
     samples = start(solver(order), curves, u, v, parity, _OWN)
     if not are_there(solver(min(order, _guided(cell, u_max) + _MARGIN)), samples, curves, tolerance):
-        return refine(samples, tolerance, measures, name)
-    return refine_with_resonances(samples, curves, solver(int(np.ceil(_FINER * order))), tolerance, measures, name)
+        return order, refine(samples, tolerance, measures, name)
+    enough = enough_orders(solver, order, _MOST_ORDERS, samples, curves, tolerance)
+    if enough > order:
+        samples = start(solver(enough), curves, u, v, parity, _OWN)
+    finer = solver(int(np.ceil(FINER * enough)))
+    return enough, refine_with_resonances(samples, curves, finer, tolerance, measures, name)
 
 
 def _guided(cell: Metagrating | LamellarStack, u_max: float) -> int:
@@ -105,7 +112,7 @@ def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, to
     """Pressure table over |u| ≤ u_max, |v| ≤ v_max, its orders and directions chosen for an error near `tolerance`."""
     watch = Stopwatch()
     order = choose_order(cell, np.linspace(-u_max, u_max, 24), v_max * np.array([0.0, 0.5, 1.0]), tolerance)
-    refined = choose_nodes(cell, u_max, v_max, tolerance, order)
+    order, refined = choose_nodes(cell, u_max, v_max, tolerance, order)
     found = refined.samples
     q, absorptance, q_stokes, absorptance_stokes = _apart(found.nodes)
     nodes = np.moveaxis(q, 0, -1), np.moveaxis(q_stokes, (0, 1), (-2, -1))

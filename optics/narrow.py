@@ -5,6 +5,7 @@ The rest is smooth; rows and lines follow it as they do without resonances.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,8 @@ _LOWEST, _BETWEEN = 0.05, 0.2
 _SCOUTED = 9  # lines on which resonances are looked for first
 # Against 1.5 times the orders, which have 0.3 to 0.45 of the error, this times the difference is at least the error.
 _SEEN = 2.0
+# Orders for the sake of resonances are raised by FINER until that many more change them by less than this share.
+FINER, _SETTLED = 1.5, 0.15
 
 
 def _along(solve: Solve) -> Along:
@@ -56,14 +59,21 @@ def are_there(scout: Solve, samples: Samples, curves: Curves, tolerance: float) 
     return any(line.p.size for line in _lines(scout, samples, curves, v, _LOWEST * tolerance))
 
 
-def order_matters(coarse: Solve, fine: Solve, samples: Samples, curves: Curves, tolerance: float) -> float:
-    """Largest difference that resonances make by which solver they are found with, on a few lines."""
+def enough_orders(
+    solver: Callable[[int], Solve], order: int, most: int, samples: Samples, curves: Curves, tolerance: float
+) -> int:
+    """Orders, from `order` to `most`, with which resonances on a few lines are settled to a share of the tolerance."""
     v = samples.v[[0, samples.v.size // 2, -1]]
-    window, worst = (float(samples.u[0]), float(samples.u[-1])), 0.0
-    pairs = (_lines(solve, samples, curves, v, _LOWEST * tolerance) for solve in (coarse, fine))
-    for one, other in zip(*pairs, strict=True):
-        worst = max(worst, difference(one, other, window, samples.leading))
-    return worst
+    window = float(samples.u[0]), float(samples.u[-1])
+    lines = _lines(solver(order), samples, curves, v, _LOWEST * tolerance)
+    while order < most:
+        finer = int(np.ceil(FINER * order))
+        more = _lines(solver(finer), samples, curves, v, _LOWEST * tolerance)
+        apart = max(difference(a, b, window, samples.leading) for a, b in zip(lines, more, strict=True))
+        if apart <= _SETTLED * tolerance:
+            return order
+        order, lines = finer, more
+    return order
 
 
 def _added(samples: Samples, resonances: Resonances, sign: float) -> Samples:

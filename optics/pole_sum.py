@@ -1,8 +1,8 @@
 """What narrow resonances add to a pressure table: a sum over poles, with its slopes; compiled.
 
 For each pole p = x + iγ and each quantity, Re[h γ / (u − p)]: see `optics.resonances`. x, γ and h are cubic in v
-between nodes. The numbers are, one after the other: the nodes in v, then, interval by interval and pole by pole, those of x, γ,
-and Re h and Im h of each quantity: left and right value, left and right slope times the width of the interval.
+between nodes. The numbers are, one after the other: the nodes in v, then, interval by interval and pole by pole, those
+of x, γ, and Re h and Im h of each quantity: left and right value, left and right slope times the width of the interval.
 """
 
 from __future__ import annotations

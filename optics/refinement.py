@@ -257,7 +257,8 @@ def start(solve: Solve, curves: Curves, u: Floats, v: Floats, parity: Floats, le
 
 def _refine_rows(samples: Samples, tolerance: float, name: str) -> tuple[Samples, list[str]]:
     """Refine rows and the surroundings of cut-offs on the lines there are."""
-    rows, beside = _Found(), {}
+    rows = _Found()
+    beside: dict[tuple[int, float, float], float] = {}
     test_v, near_v = _some(samples.v, _TEST_LINES), _some(samples.v, _TEST_BESIDE)
     reach = float(np.sqrt(np.diff(samples.u).max()))
     for _ in progress(range(_ROUNDS), f"{name}: rows", unit="round"):

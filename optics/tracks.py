@@ -198,7 +198,8 @@ def follow(
     if not any(line.p.size for line in lines):
         return Followed(no_resonances(parity), (), tuple(line for line in lines if line.missed))
     for _ in progress(range(_ROUNDS), f"{name}: resonances", unit="round"):
-        resonances, more = join(lines, parity), []
+        resonances = join(lines, parity)
+        more: list[LinePoles] = []
         for a, b in pairwise(line.v for line in lines):
             if (a, b) in tested:
                 continue
