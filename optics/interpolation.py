@@ -17,6 +17,7 @@ from optics.places import (
     Parts,
     TableArrays,
     bucket_of,
+    clamp,
     find_band,
     find_column,
     find_place,
@@ -30,6 +31,7 @@ from optics.places import (
     turning,
     unpack,
 )
+from optics.pole_sum import pole_slopes, pole_values
 
 # Directions taken through the passes of `lookup_many` together, so that what is between them stays in the cache, and
 # how many directions ahead of its sum a patch is fetched from memory.
@@ -54,6 +56,9 @@ def lookup(t: TableArrays, u: float, v: float) -> tuple[float, float, float, flo
     at = find_place(p, x, folded, root_0, root_1)
     s, r = snapped(p, at.s), snapped(p, at.r)
     q0, q1, q2, q3 = values(p.n, at.start, at.row, 4 * p.k, s, at.h, r, at.g, p.parity, is_turned(p, y))
+    if p.poles:
+        more = _resonant(p, 0, x, folded, is_turned(p, y))
+        q0, q1, q2, q3 = q0 + more[0], q1 + more[1], q2 + more[2], q3 + more[3]
     if t.axisymmetric:
         q0, q1 = (q0 * u / x, q0 * v / x) if x > 0.0 else (0.0, 0.0)
     return q0, q1, q2, q3, inside
@@ -76,7 +81,39 @@ def lookup_slopes(t: TableArrays, u: float, v: float, out: Floats) -> bool:
             p.n, place, at.row, 4 * p.k, at.s, at.h, at.r, at.g, p.parity + c, turned, per[0], per[1], per[2]
         )
         _store(out, c, q)
+    if p.poles:
+        _add_resonant_slopes(p, u, folded, turned, out)
     return is_inside(p, u, v)
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def _parity(p: Parts, c: int, turned: bool) -> float:
+    """The sign of quantity c where v is turned."""
+    return read(p.n, p.parity + c) if turned else 1.0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _resonant(p: Parts, c: int, u: float, v: float, turned: bool) -> tuple[float, float, float, float]:
+    """What narrow resonances add to the quantities c … c + 3, v folded; clamped to the table."""
+    q = pole_values(p.n, p.pole_at, p.pole_nodes, p.poles, p.k, c, clamp(u, p.u_first, p.u_last), v)
+    return (
+        q[0] * _parity(p, c, turned), q[1] * _parity(p, c + 1, turned), q[2] * _parity(p, c + 2, turned),
+        q[3] * _parity(p, c + 3, turned),
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _add_resonant_slopes(p: Parts, u: float, v: float, turned: bool, out: Floats) -> None:
+    """Add what narrow resonances give to values and slopes (3, k), v folded."""
+    u, sign = clamp(u, p.u_first, p.u_last), -1.0 if turned else 1.0
+    for c in range(0, p.k, 4):
+        value = pole_values(p.n, p.pole_at, p.pole_nodes, p.poles, p.k, c, u, v)
+        slope = pole_slopes(p.n, p.pole_at, p.pole_nodes, p.poles, p.k, c, u, v)
+        for i in range(4):
+            parity = _parity(p, c + i, turned)
+            out[0, c + i] += value[i] * parity
+            out[1, c + i] += slope[i] * parity
+            out[2, c + i] += slope[4 + i] * (parity * sign)
 
 
 @numba.njit(cache=True, error_model="numpy", forceinline=True)
@@ -167,6 +204,17 @@ def _sum_many(p: Parts, v: Floats, begin: int, size: int, f: Floats, b: Indices,
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _add_resonant(p: Parts, u: Floats, v: Floats, begin: int, size: int, f: Floats, out: Floats) -> None:
+    """Add what narrow resonances give to the sums of a block."""
+    for i in range(size):
+        x, y, turned = read(u, begin + i), f[_V + i], is_turned(p, read(v, begin + i))
+        for c in range(0, p.k, 4):
+            more = _resonant(p, c, x, y, turned)
+            for k in range(4):
+                out[begin + i, c + k] += more[k]
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _slope_many(p: Parts, v: Floats, begin: int, size: int, f: Floats, b: Indices, out: Floats) -> None:
     """Last pass, with slopes."""
     for i in range(size):
@@ -211,6 +259,8 @@ def _many(p: Parts, u: Floats, v: Floats, out: Floats) -> None:
         size = min(_BLOCK, u.size - begin)
         _locate_many(p, u, v, begin, size, f, b)
         _sum_many(p, v, begin, size, f, b, out)
+        if p.poles:
+            _add_resonant(p, u, v, begin, size, f, out)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -241,3 +291,6 @@ def lookup_slopes_many(t: TableArrays, u: Floats, v: Floats, out: Floats) -> Non
         _locate_many(p, u, v, begin, size, f, b)
         _turn_many(p, v, begin, size, f, b)
         _slope_many(p, v, begin, size, f, b, out)
+        if p.poles:
+            for i in range(begin, begin + size):
+                _add_resonant_slopes(p, u[i], f[_V + i - begin], is_turned(p, v[i]), out[i])

@@ -10,23 +10,26 @@ from threadpoolctl import threadpool_limits
 
 from optics.cells import LamellarStack, Metagrating
 from optics.command import check_range, table_arguments
-from optics.files import InputError, Stopwatch, run_stage, versions
+from optics.files import Stopwatch, run_stage, versions
 from optics.incidence import Floats, worst_polarisation
 from optics.incidence import cutoffs as rayleigh_cutoffs
 from optics.lamellar import Response as Response
+from optics.lamellar import prepare
 from optics.lamellar import solve as solve
 from optics.local import normal_response
+from optics.narrow import FINER, are_there, enough_orders, refine_with_resonances
 from optics.normal import ATTRIBUTE
 from optics.outline import SLICES, polygons, read_grating, upright
 from optics.promise import finish, promised
-from optics.refinement import Refined, first_lines, refine, start
+from optics.refinement import Refined, Solve, first_lines, refine, start
 from optics.strips import Curves, breaks, rayleigh_curves
 from optics.table import PARITY, STOKES_PARITY, Cutoffs, PressureTable
+from optics.truncation import choose_order, order_error
 
-_LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 100, 125, 150)
-_SEEN = 0.6
 # Modes that reach the far side of their layer with less than this share of the tolerance are left out there.
-_NEGLIGIBLE = 1e-2
+_NEGLIGIBLE, _NOISE = 1e-2, 1e-5
+_MOST_ORDERS = 60  # for the sake of resonances
+_MARGIN = 3  # orders beyond those that run within the layers, to see whether there are resonances
 # The first rows in u and lines in v² are no further apart: narrower resonances may be missed.
 _FIRST_STEP = 0.0112
 _FEWEST_ROWS, _FEWEST_LINES = 17, 6
@@ -67,11 +70,15 @@ def window_curves(cell: Metagrating | LamellarStack, u_max: float, v_max: float)
 
 def choose_nodes(
     cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float, order: int
-) -> Refined:
-    """Directions at which interpolation meets `tolerance`, solved with the given `order`."""
+) -> tuple[int, Refined]:
+    """Directions and narrow resonances from which interpolation meets `tolerance`, solved with `order`.
 
-    def response(u: Floats, v: Floats) -> Floats:
-        return _quantities(solve(cell, u, v, order, _NEGLIGIBLE * tolerance))
+    More orders, which are returned, where those don't suffice for the resonances: these move by more than their width.
+    """
+
+    def solver(n: int) -> Solve:
+        negligible = min(_NEGLIGIBLE * tolerance, _NOISE)
+        return lambda u, v: _quantities(solve(cell, u, v, n, negligible))
 
     curves = window_curves(cell, u_max, v_max)
     u = np.linspace(-u_max, u_max, max(_FEWEST_ROWS, 1 + 2 * int(np.ceil(u_max / _FIRST_STEP))))
@@ -82,62 +89,30 @@ def choose_nodes(
     lines = max(_FEWEST_LINES, int(np.ceil(v_max**2 / _FIRST_STEP)))
     v = first_lines(breaks(curves, -u_max, u_max, v_max), lines)
     parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
-    samples = start(response, curves, u, v, parity, _OWN)
-    return refine(samples, tolerance, [_own_error, _error_in_any], f"modal {cell.name}")
+    name, measures = f"modal {cell.name}", (_own_error, _error_in_any)
+    samples = start(solver(order), curves, u, v, parity, _OWN)
+    if not are_there(solver(min(order, _guided(cell, u_max) + _MARGIN)), samples, curves, tolerance):
+        return order, refine(samples, tolerance, measures, name)
+    enough = enough_orders(solver, order, _MOST_ORDERS, samples, curves, tolerance)
+    if enough > order:
+        samples = start(solver(enough), curves, u, v, parity, _OWN)
+    finer = solver(int(np.ceil(FINER * enough)))
+    return enough, refine_with_resonances(samples, curves, finer, tolerance, measures, name)
 
 
-def propagating(cell: Metagrating | LamellarStack, u_max: float) -> int:
-    """Highest diffraction order that may leave the cell for |u| ≤ u_max; InputError beyond what can be solved."""
-    reach = max(cell.surroundings.front, cell.surroundings.back) + u_max
-    if reach > _LADDER[-3] * cell.pitch:
-        raise InputError(
-            f"{cell.name}: period_nm = {cell.period_nm:g}: must be at most "
-            f"{_LADDER[-3] * cell.wavelength_nm / reach:g}; more than ±{_LADDER[-3]} diffraction orders would propagate"
-        )
-    return int(reach / cell.pitch)
-
-
-def choose_order(cell: Metagrating | LamellarStack, u: Floats, v: Floats, tolerance: float) -> int:
-    """Fewest orders whose error is below `tolerance` at 95 % of u × v.
-
-    It is seen against 1.5 times as many orders (the next but one step), which still have 0.4 of it, as N⁻² falls.
-    """
-    least = propagating(cell, float(np.abs(u).max()))
-    results: dict[int, Floats] = {}
-    for order, finer in zip(_LADDER, _LADDER[2:], strict=False):
-        if order < least:
-            continue
-        for n in (order, finer):
-            if n not in results:
-                results[n] = solve(cell, u, v, n).q
-        if np.quantile(np.abs(results[order] - results[finer]).max(axis=-1), 0.95) <= _SEEN * tolerance:
-            return order
-    raise InputError(f"tolerance = {tolerance:g}: not reached with ±{_LADDER[-3]} diffraction orders; allow more")
-
-
-def order_error(
-    cell: Metagrating | LamellarStack, u: Floats, v: Floats, order: int, q: Floats, q_stokes: Floats
-) -> tuple[Floats, Floats]:
-    """Estimated error (n_u, n_v) from truncation at `order` of q (n_u, n_v, 3), and of q_stokes (n_u, n_v, 4, 3).
-
-    The first is that in the cell's own polarisation, the second the largest in any. Half the changes from 0.7 and 0.6
-    of the orders and a quarter from half. Errors fall between N⁻² and N⁻³,
-    with beats that depend on where the ridges lie: each change is one to seven times the error of `order`, but any one
-    of them may vanish. `workflow/benchmarks/error_estimate.py` shows how often the sum covers the error.
-    """
-    own, every = np.full((2, u.size, v.size), 1e-13)
-    for share, weight in ((0.7, 0.5), (0.6, 0.5), (0.5, 0.25)):
-        coarser = solve(cell, u, v, int(np.ceil(share * order)))
-        own += weight * np.abs(coarser.q - q).max(axis=-1)
-        every += weight * worst_polarisation(np.moveaxis(coarser.q_stokes - q_stokes, -2, 0)).max(axis=-1)
-    return own, every
+def _guided(cell: Metagrating | LamellarStack, u_max: float) -> int:
+    """Highest order that may run within the layers for |u| ≤ u_max."""
+    stack = prepare(cell)
+    layers = [*stack.patterned, *stack.behind]
+    every = [epsilon for layer in layers for epsilon in (layer.background, *(value for *_, value in layer.ridges))]
+    return int(np.ceil((max(np.sqrt(complex(epsilon)).real for epsilon in every) + u_max) / cell.pitch))
 
 
 def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float) -> PressureTable:
     """Pressure table over |u| ≤ u_max, |v| ≤ v_max, its orders and directions chosen for an error near `tolerance`."""
     watch = Stopwatch()
     order = choose_order(cell, np.linspace(-u_max, u_max, 24), v_max * np.array([0.0, 0.5, 1.0]), tolerance)
-    refined = choose_nodes(cell, u_max, v_max, tolerance, order)
+    order, refined = choose_nodes(cell, u_max, v_max, tolerance, order)
     found = refined.samples
     q, absorptance, q_stokes, absorptance_stokes = _apart(found.nodes)
     nodes = np.moveaxis(q, 0, -1), np.moveaxis(q_stokes, (0, 1), (-2, -1))
@@ -155,9 +130,10 @@ def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, to
         "cpu_seconds": watch.cpu_seconds, "versions": versions("numpy", "scipy"),
     }
     table = PressureTable(
-        found.u, found.v, q, absorptance, error, True, False, attrs, cutoffs, q_stokes, absorptance_stokes, error_stokes
+        found.u, found.v, q, absorptance, error, True, False, attrs, cutoffs, q_stokes, absorptance_stokes,
+        error_stokes, resonances=refined.resonances if refined.resonances.count else None,
     )
-    return promised(table, tolerance)
+    return promised(table, tolerance, refined.reasons)
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from optics.patches import Patches, Values
 from optics.places import HEADER, LINE, Floats, Indices, TableArrays
 from optics.strips import Layout
+from optics.tracks import Resonances
 
 # Coefficients begin where a cache line of memory does, in numbers.
 _CACHE_LINE = 8
@@ -93,8 +94,11 @@ def _aligned(parts: _Parts) -> Floats:
     return np.concatenate(parts.parts, out=room[skip : skip + parts.size])
 
 
-def pack(layout: Layout, values: Values, patches: list[Patches], axisymmetric: bool, nearest: bool) -> TableArrays:
-    """Plain arrays of a table; `nearest`: to be looked up at its nearest node."""
+def pack(
+    layout: Layout, values: Values, patches: list[Patches], axisymmetric: bool, nearest: bool,
+    resonances: Resonances | None = None,
+) -> TableArrays:
+    """Plain arrays of a table; `nearest`: to be looked up at its nearest node. The resonances are added to the rest."""
     k, v, numbers, places = values.nodes.shape[0], values.v, _Parts(HEADER), _Parts(HEADER)
     lines, squares = _line_table(layout)
     of_slabs = _lines_of_slabs(layout)
@@ -107,6 +111,8 @@ def pack(layout: Layout, values: Values, patches: list[Patches], axisymmetric: b
         places.add(_buckets(v, many, per_v)), many, places.add(slab),
         _add_strips(numbers, places, layout, patches, k), values.parity is not None, layout.curved,
     ]
+    if resonances is not None and resonances.count:
+        header += [resonances.count, numbers.add(resonances.packed), resonances.v.size]
     places.parts[0][: len(header)] = header
     numbers.parts[0][:7] = [*squares, *-layout.lines.shift[-2:], v[0], v[-1], per_v]
     return TableArrays(_aligned(numbers), np.concatenate(places.parts).astype(np.int64), axisymmetric, nearest)

@@ -57,7 +57,7 @@ def slope_matrix(nodes: Floats) -> Floats:
     return matrix
 
 
-def _v_slopes(v: Floats, f: Floats, parity: Floats | None) -> Floats:
+def v_slopes(v: Floats, f: Floats, parity: Floats | None) -> Floats:
     """∂f/∂v (k, m, n_v) at fixed τ; with a parity, lines from v = 0 on are mirrored to v < 0."""
     if parity is None or v[0] != 0.0:
         return np.asarray(f @ slope_matrix(v).T)
@@ -160,14 +160,14 @@ def _curve_slopes(layout: Layout, values: Values, strip: Strip, curve: int) -> F
     """∂v (k, n_v of the strip) along a curve, the same for the strips on both of its sides."""
     first, last = next(run for run in _curve_runs(layout, curve) if run[0] <= strip.first and strip.last <= run[1])
     along = values.on_curves[:, [curve], first : last + 1]
-    slopes = _v_slopes(values.v[first : last + 1], along, values.parity)[:, 0]
+    slopes = v_slopes(values.v[first : last + 1], along, values.parity)[:, 0]
     return slopes[:, strip.first - first : strip.last - first + 1]
 
 
 def _strip_patches(layout: Layout, values: Values, strip: Strip, tau: Floats, f: Floats) -> Patches:
     """Coefficients of a strip from its values and τ slopes f (2, k, n_tau, n_v)."""
     v = values.v[strip.first : strip.last + 1]
-    f_v, f_tau_v = (_v_slopes(v, part, values.parity) for part in f)
+    f_v, f_tau_v = (v_slopes(v, part, values.parity) for part in f)
     for end, curve in ((0, strip.left), (-1, strip.right)):
         if curve < len(layout.lines) - 2:
             f_v[:, end] = _curve_slopes(layout, values, strip, curve)

@@ -62,6 +62,9 @@ class Parts(NamedTuple):
     v_first: float
     v_last: float
     per_v: float
+    poles: int
+    pole_at: int
+    pole_nodes: int
 
 
 @numba.njit(cache=True, error_model="numpy", forceinline=True)
@@ -70,7 +73,7 @@ def unpack(t: TableArrays) -> Parts:
     n, h = t.numbers, t.places
     return Parts(
         n, h, h[0], h[1], h[2], h[3], h[4], h[5], float(h[6] - 1), h[7], h[8], h[9] != 0, h[10] != 0,
-        t.nearest, n[0], n[1], n[2], n[3], n[4], n[5], n[6],
+        t.nearest, n[0], n[1], n[2], n[3], n[4], n[5], n[6], h[11], h[12], h[13],
     )
 
 

@@ -7,7 +7,7 @@ errors found go into the table's error estimate.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -17,18 +17,25 @@ from optics.files import progress
 from optics.interpolation import TableArrays, lookup_many, pack
 from optics.patches import Values, make_patches
 from optics.strips import NEAR, Curves, Floats, lay_out
+from optics.tracks import Resonances, no_resonances
+from optics.verification import cover, errors_at, spread_evenly, stated
 
 # k quantities (k, n_u, n_v) at directions u (n_u) × v (n_v).
 Solve = Callable[[Floats, Floats], Floats]
 # From errors of the k quantities (k, n, m) to one error (n, m).
 Measure = Callable[[Floats], Floats]
+Measures = Sequence[Measure]
 
-# Narrower intervals are not halved: in u, in v, and in √|u − u_c| beside cut-offs.
-_SMALLEST_U, _SMALLEST_V, _SMALLEST_ROOT = 2.5e-4, 2e-3, 4e-3
-_MOST_ROWS, _MOST_LINES, _ROUNDS = 600, 160, 10
+# Narrower intervals in √|u − u_c| beside cut-offs are not halved.
+_SMALLEST_ROOT = 4e-3
+_ROUNDS = 10
 _TEST_LINES, _TEST_ROWS, _TEST_BESIDE = 9, 32, 5
 _TEST_NARROW = (0.2, 0.5, 0.8)  # places in narrow strips
 _FIRST_BESIDE = 0.03
+# The tolerance is taken to this share of itself, one after the other, until the error that is stated of the
+# interpolation is within its part of the budget; the rest is for the orders.
+_PASSES, _BUDGET = (1.0, 0.6, 0.36, 0.2), 0.6
+_WORTH = 0.9  # a pass that leaves more than this of the error is the last one
 
 
 @dataclass(frozen=True)
@@ -168,10 +175,35 @@ class _Found:
         return np.array([self._errors[pair] for pair in pairwise(nodes.tolist())])
 
 
-def _split(nodes: Floats, errors: Floats, tolerance: float, smallest: float, most: int) -> Floats:
-    """Midpoints of the intervals with too large an error."""
-    bad = (errors.max(axis=1) > tolerance) & (np.diff(nodes) > smallest)
-    return _between(nodes)[bad][: max(0, most - nodes.size)]
+@dataclass(frozen=True)
+class _Axis:
+    """How far an axis may be refined: its name, the narrowest interval that is halved and the most nodes."""
+
+    name: str
+    smallest: float
+    most: int
+
+    def split(self, nodes: Floats, errors: Floats, tolerance: float) -> Floats:
+        """Midpoints of the intervals with too large an error, the worst of them where there are too many."""
+        worst = errors.max(axis=1)
+        bad = np.flatnonzero((worst > tolerance) & (np.diff(nodes) > self.smallest))
+        bad = bad[np.argsort(-worst[bad], kind="stable")][: max(0, self.most - nodes.size)]
+        return _between(nodes)[np.sort(bad)]
+
+    def reasons(self, nodes: Floats, errors: Floats, tolerance: float) -> list[str]:
+        """Why there are intervals left with too large an error."""
+        worst = errors.max(axis=1)
+        if not (worst > tolerance).any():
+            return []
+        at = f"{self.name} = {_between(nodes)[worst.argmax()]:.6g}"
+        if nodes.size >= self.most:
+            return [f"more than {self.most} nodes in {self.name} would be needed, most near {at}"]
+        if np.diff(nodes)[worst.argmax()] <= self.smallest:
+            return [f"the response changes within {self.smallest:g} in {self.name} near {at}"]
+        return [f"{_ROUNDS} rounds of refinement did not suffice near {at}"]
+
+
+_ROWS, _LINES = _Axis("u", 2.5e-4, 600), _Axis("v", 2e-3, 160)
 
 
 def _beside(curves: Curves, c: int, side: float, reach: float) -> Floats:
@@ -201,10 +233,16 @@ def _test_beside(
 
 @dataclass(frozen=True)
 class Refined:
-    """Samples whose table is good, and its largest error (m, n_u, n_v) around each node by each of the m measures."""
+    """Samples whose table is good, and its largest error (m, n_u, n_v) around each node by each of the m measures.
+
+    resonances: those that `solve` of the samples leaves out, while their nodes hold everything. reasons: what ended the
+    refinement before it was good.
+    """
 
     samples: Samples
     errors: Floats
+    resonances: Resonances
+    reasons: tuple[str, ...] = ()
 
 
 def start(solve: Solve, curves: Curves, u: Floats, v: Floats, parity: Floats, leading: int) -> Samples:
@@ -217,9 +255,9 @@ def start(solve: Solve, curves: Curves, u: Floats, v: Floats, parity: Floats, le
     return samples
 
 
-def refine(samples: Samples, tolerance: float, measures: list[Measure], name: str = "table") -> Refined:
-    """Refine rows and the surroundings of cut-offs on the lines there are, then lines."""
-    rows, lines = _Found(), _Found()
+def _refine_rows(samples: Samples, tolerance: float, name: str) -> tuple[Samples, list[str]]:
+    """Refine rows and the surroundings of cut-offs on the lines there are."""
+    rows = _Found()
     beside: dict[tuple[int, float, float], float] = {}
     test_v, near_v = _some(samples.v, _TEST_LINES), _some(samples.v, _TEST_BESIDE)
     reach = float(np.sqrt(np.diff(samples.u).max()))
@@ -227,31 +265,70 @@ def refine(samples: Samples, tolerance: float, measures: list[Measure], name: st
         arrays = samples.arrays(samples.leading)
         rows.note(samples.u, _error(samples, arrays, rows.unknown(samples.u), test_v))
         tested = _test_beside(samples, arrays, near_v, reach, beside)
-        more = _split(samples.u, rows.all(samples.u), tolerance, _SMALLEST_U, _MOST_ROWS)
-        close = [
-            (c, side * t * t) for c, side, t, step in tested
-            if beside[c, side, t] > tolerance and step > _SMALLEST_ROOT
-        ]
+        more = _ROWS.split(samples.u, rows.all(samples.u), tolerance)
+        bad = [place for place in tested if beside[place[:3]] > tolerance]
+        close = [(c, side * t * t) for c, side, t, step in bad if step > _SMALLEST_ROOT]
+        reasons = _ROWS.reasons(samples.u, rows.all(samples.u), tolerance)
+        if len(close) < len(bad):
+            reasons.append(f"the response changes within {_SMALLEST_ROOT**2:.1g} in u beside a cut-off")
+        if not (close or more.size):
+            break
         if close:
             which, offset = zip(*close, strict=True)
             samples = samples.with_curves(samples.curves.take(list(which)).beside(np.array(offset)))
         if more.size:
             samples = samples.with_rows(more)
-        if not (close or more.size):
-            break
-    test_u = _some(samples.u, _TEST_ROWS)
+    return samples, reasons
+
+
+def _refine_lines(samples: Samples, tolerance: float, name: str) -> tuple[Samples, list[str]]:
+    """Refine lines on the rows there are."""
+    lines, test_u = _Found(), _some(samples.u, _TEST_ROWS)
     for _ in progress(range(_ROUNDS), f"{name}: lines", unit="round"):
         arrays, unknown = samples.arrays(samples.leading), lines.unknown(samples.v)
         narrow = [_narrow_error(samples, arrays, v) for v in unknown]
         lines.note(samples.v, np.column_stack([_error(samples, arrays, test_u, unknown).T, narrow]))
-        more = _split(samples.v, lines.all(samples.v), tolerance, _SMALLEST_V, _MOST_LINES)
+        more = _LINES.split(samples.v, lines.all(samples.v), tolerance)
+        reasons = _LINES.reasons(samples.v, lines.all(samples.v), tolerance)
         if not more.size:
             break
         samples = samples.with_lines(more)
-    return Refined(samples, _errors_around(samples, test_u, test_v, measures))
+    return samples, reasons
 
 
-def _errors_around(samples: Samples, test_u: Floats, test_v: Floats, measures: list[Measure]) -> Floats:
+def refine(samples: Samples, tolerance: float, measures: Measures, name: str = "table") -> Refined:
+    """Refine rows and surroundings of cut-offs, then lines, until the stated error is good at 99 % of directions."""
+    at_99 = np.inf
+    for share in _PASSES:
+        tests = _some(samples.v, _TEST_LINES)
+        samples, reasons = _refine_rows(samples, share * tolerance, name)
+        samples, more = _refine_lines(samples, share * tolerance, name)
+        errors = _verified(samples, _errors_around(samples, _some(samples.u, _TEST_ROWS), tests, measures), measures)
+        before, at_99 = at_99, _at_99(samples, errors[0])
+        if at_99 <= _BUDGET * tolerance or at_99 > _WORTH * before:
+            break
+    return Refined(samples, errors, no_resonances(samples.parity), tuple([*reasons, *more]))
+
+
+def _at_99(samples: Samples, error: Floats) -> float:
+    """Stated error at 99 % of the directions, from that at the nodes (n_u, n_v)."""
+    u, v = spread_evenly(samples.u, samples.v)
+    return float(np.quantile(stated(error[None], samples.u, samples.v, np.repeat(u, v.shape[1]), v.ravel()), 0.99))
+
+
+def _verified(samples: Samples, errors: Floats, measures: Measures) -> Floats:
+    """Errors (m, n_u, n_v) raised where random directions show them to be too small."""
+    (u, v), k = spread_evenly(samples.u, samples.v), samples.parity.size
+    truth = errors_at(samples.solve, samples.arrays(k), k, together(measures), u, v)
+    return cover(errors, samples.u, samples.v, np.repeat(u, v.shape[1]), v.ravel(), truth.reshape(len(errors), -1))
+
+
+def together(measures: Measures) -> Measure:
+    """All measures (m, ...) at once."""
+    return lambda differences: np.stack([measure(differences) for measure in measures])
+
+
+def _errors_around(samples: Samples, test_u: Floats, test_v: Floats, measures: Measures) -> Floats:
     """Errors (m, n_u, n_v) of the table as it is now around each node: errors found on the way are of coarser ones."""
     n = samples.parity.size
     arrays = samples.arrays(n)

@@ -28,6 +28,7 @@ from optics.interpolation import lookup as lookup
 from optics.patches import Values, make_patches
 from optics.section import Section, cross_section
 from optics.strips import Curves, lay_out, no_curves
+from optics.tracks import Resonances, without
 
 SCHEMA = 2
 COMPONENTS = ("g", "r", "n")
@@ -38,6 +39,8 @@ PARITY = np.array([1.0, -1.0, 1.0, 1.0])
 STOKES_PARITY = np.array([1.0, 1.0, -1.0, -1.0])
 _UNLOCKED = {"locking": False}  # see `optics.hdf5`
 _REQUIRED = ("u", "v", "q", "absorptance", "error")
+_OWN = 4  # quantities of the cell's own polarisation
+_POLE_HEIGHTS = ("pole_q", "pole_absorptance", "pole_q_stokes", "pole_absorptance_stokes")
 
 Variables = dict[str, tuple[tuple[str, ...], Floats, str]]
 
@@ -77,6 +80,10 @@ class PressureTable:
     circular, e1 ∓ i e2. The nodes are chosen for the cell's own polarisation, and `error` is that of it alone;
     `error_stokes` (n_u, n_v) is that of q in whichever polarisation it is largest.
 
+    `resonances`: guided-mode resonances too narrow for the nodes, over the same v, whose heights h are those of q and
+    the absorptance (4), then of the same for each Stokes component (16). The nodes hold the response itself; what is
+    interpolated between them is the rest of it, to which the look-up adds the resonances at the direction asked for.
+
     Of films: amplitudes (6, n_u, 1), real and imaginary part of r_s, those of r_p, and the absorptance of s and of p
     light; r as in `optics.thin_film.amplitudes`, with r_p = −r_s at normal incidence.
     """
@@ -94,11 +101,15 @@ class PressureTable:
     absorptance_stokes: Floats | None = None
     error_stokes: Floats | None = None
     amplitudes: Floats | None = None
+    resonances: Resonances | None = None
 
     def __post_init__(self) -> None:
         self._check_axes()
         sizes = {"component": 3, "stokes": 4, "field": 6, "cutoff": len(self._curves)}
         sizes |= {"u": self.u.size, "v": self.v.size}
+        if self.resonances:
+            self._check_resonances(self.resonances)
+            sizes |= {"part": 2, "pole": self.resonances.count, "pole_v": self.resonances.v.size}
         for name, (dims, array, _) in self._variables().items():
             if array.shape != (want := tuple(sizes[dim] for dim in dims)):
                 raise InputError(f"{name} has shape {array.shape}; must be {want}")
@@ -114,6 +125,15 @@ class PressureTable:
         curves = self.cutoffs
         if len({*partly, *((curves.q_stokes is None, curves.absorptance_stokes is None) if curves else ())}) > 1:
             raise InputError("q_stokes and absorptance_stokes, also on the cut-offs, must be given together")
+
+    def _check_resonances(self, found: Resonances) -> None:
+        v = found.v
+        if not self.mirror_v:
+            raise InputError("a table with resonances must have mirror_v")
+        if v.ndim != 1 or v.size < 2 or not np.all(np.diff(v) > 0) or v[0] != 0.0 or v[-1] != self.v[-1]:
+            raise InputError("pole_v must ascend from 0 to the largest v")
+        if found.p.shape != (len(found.p), v.size) or not np.all(found.p.imag > 0):
+            raise InputError("pole_u must have an imaginary part above 0 at every pole_v")
 
     def _check_axes(self) -> None:
         for name, nodes, least in (("u", self.u, 2), ("v", self.v, 1 if self.axisymmetric else 2)):
@@ -179,6 +199,8 @@ class PressureTable:
                 "cutoff_q_stokes": (("stokes", "component", "cutoff", "v"), c.q_stokes, "likewise"),
                 "cutoff_absorptance_stokes": (("stokes", "cutoff", "v"), c.absorptance_stokes, "likewise"),
             }
+        if self.resonances:
+            found |= _pole_variables(self.resonances)
         return {name: (dims, array, text) for name, (dims, array, text) in found.items() if array is not None}
 
     def _values(self, stokes: bool) -> Values:
@@ -205,9 +227,12 @@ class PressureTable:
 
         With `stokes` they give 16 quantities, q_g, q_r, q_n and absorptance for each of the Stokes components.
         """
-        values = self._values(stokes)
+        values, found = self._values(stokes), None
+        if self.resonances:
+            found = self.resonances.take(slice(_OWN, None) if stokes else slice(0, _OWN))
+            values = without(values, self._curves, found)
         layout = lay_out(self._curves, values.u[0], values.u[-1], values.v)
-        return pack(layout, values, make_patches(layout, values), self.axisymmetric, nearest)
+        return pack(layout, values, make_patches(layout, values), self.axisymmetric, nearest, found)
 
     def amplitude_arrays(self) -> tuple[TableArrays, TableArrays]:
         """A film's amplitudes for compiled kernels, to be looked up at u = the sine and v = 0.
@@ -360,9 +385,41 @@ class PressureTable:
         u, v, q, absorptance, error = numbers(*_REQUIRED)
         worst = numbers("error_stokes")[0] if "error_stokes" in data else None
         amplitudes = numbers("amplitude")[0] if "amplitude" in data else None
+        resonances = None
+        if any(str(name).startswith("pole_") for name in data.variables):
+            resonances = _resonances(*numbers("pole_v", "pole_u", *_POLE_HEIGHTS))
         return cls(
-            u, v, q, absorptance, error, mirror_v, axisymmetric, attrs, cutoffs, stokes[0], stokes[1], worst, amplitudes
+            u, v, q, absorptance, error, mirror_v, axisymmetric, attrs, cutoffs, stokes[0], stokes[1], worst,
+            amplitudes, resonances,
         )
+
+
+def _pole_variables(found: Resonances) -> Variables:
+    """What a file holds of narrow resonances."""
+    along = ("pole", "pole_v")
+    shape = found.p.shape
+    parts = np.stack([found.h.real, found.h.imag])
+    own, every = parts[:, :_OWN], parts[:, _OWN:].reshape(2, -1, _OWN, *shape)
+    text = "real and imaginary part h: they add Re[h γ / (u − p)]"
+    heights = own[:, :3], own[:, 3], every[:, :, :3], every[:, :, 3]
+    dims = ("component",), (), ("stokes", "component"), ("stokes",)
+    return {
+        "pole_v": (("pole_v",), found.v, "v of the nodes of narrow resonances"),
+        "pole_u": (("part", *along), np.stack([found.p.real, found.p.imag]), "p = x + iγ: place and half width in u"),
+        **{
+            name: (("part", *dim, *along), height, text)
+            for name, dim, height in zip(_POLE_HEIGHTS, dims, heights, strict=True)
+        },
+    }
+
+
+def _resonances(v: Floats, p: Floats, q: Floats, absorptance: Floats, q_stokes: Floats, a_stokes: Floats) -> Resonances:
+    """Narrow resonances from what a file holds of them."""
+    own = np.concatenate([q, absorptance[:, None]], axis=1)
+    every = np.concatenate([q_stokes, a_stokes[:, :, None]], axis=2)
+    h = np.concatenate([own, every.reshape(2, -1, *p.shape[1:])], axis=1)
+    parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
+    return Resonances(v, p[0] + 1j * p[1], h[0] + 1j * h[1], parity)
 
 
 def _stack(q: Floats | None, absorptance: Floats | None) -> Floats:
