@@ -111,10 +111,14 @@ class Metagrating(_Periodic):
 
 
 class Layer(Strict):
-    """One homogeneous layer of a film, listed from the light side."""
+    """One homogeneous layer of a film, listed from the light side.
+
+    `coherent: false` averages its fringes, as for a layer that is uneven, or light less coherent, by a wavelength.
+    """
 
     thickness_nm: Thickness
     index: Index
+    coherent: bool = True
 
 
 class ThinFilm(Strict):
@@ -126,12 +130,6 @@ class ThinFilm(Strict):
     polarisation: Literal["s", "p", "mean"] = "mean"
     layers: Annotated[list[Layer], Field(min_length=1)]
     surroundings: Surroundings = Surroundings()
-
-    @model_validator(mode="after")
-    def _lossless_behind(self) -> ThinFilm:
-        if self.surroundings.back_k > 0:
-            raise ValueError(f"surroundings.back_k = {self.surroundings.back_k:g}: must be 0; give a thick layer")
-        return self
 
 
 class Ridge(Strict):
