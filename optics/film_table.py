@@ -1,12 +1,12 @@
 """Films in pressure tables: the stack itself, and its closed form in place of interpolation; compiled.
 
-Fringes of a thick film are too many to be sampled, and resonances of a cavity may lie between any samples. Such a film's
-table holds the stack; a look-up then carries the light through it (`optics.transfer`), exact for any thickness.
+Fringes of a thick film are too many to be sampled, and resonances of a cavity may lie between any samples. The table of
+such a film holds the stack; a look-up then carries the light through it (`optics.transfer`), whatever its thickness.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numba
 import numpy as np
@@ -24,9 +24,12 @@ KIND, NUMBERS, FLAGS, MEDIA = 15, 14, 13, 12
 _FIRST, _LAST = 2, 3
 
 
-class Film(NamedTuple):
-    """A stack: index (m,) from the half-space in front to the one behind, depth k₀d (m − 2,) of the layers, 1 for those
-    that are coherent (m − 2,) or 0, and which part of the light is polarised p."""
+@dataclass(frozen=True)
+class Film:
+    """A stack: index (m,) from the half-space in front to the one behind, depth k₀d (m − 2,) of the layers.
+
+    coherent (m − 2,): 1 or, where fringes are averaged, 0. share: which part of the light is polarised p.
+    """
 
     index: Complexes
     depth: Floats

@@ -20,7 +20,7 @@ Complexes = NDArray[np.complex128]
 
 # Resonances narrower than this part of a fringe occupy no direction that will be met.
 _SHARPEST = 1e8
-# Re ε below which a medium is a mirror: no wave in it, and none bound to it at angles at which its neighbours carry one.
+# Re ε below which a medium is a mirror: no wave in it, and none bound to it at angles at which others carry one.
 _METAL = -1.0
 
 
@@ -32,7 +32,7 @@ class Fringes(NamedTuple):
 
 
 def carries_waves(film: Film, s_max: float) -> bool:
-    """Do all media but metals carry waves at all sines up to s_max: no total reflection, and no wave bound to a face."""
+    """Do all media but metals carry waves at all sines up to s_max: none totally reflects, no wave clings to a face."""
     epsilon = film.index[1:] ** 2
     return bool(np.all((film.index[1:].real >= s_max) | (epsilon.real < _METAL)))
 

@@ -18,9 +18,9 @@ Response = Callable[[Floats], Floats]
 
 @dataclass(frozen=True)
 class Refined:
-    """Nodes (n,) chosen by `refine`, the interpolation error (n, k) of each value found beside them, and why it stopped.
+    """Nodes (n,) chosen by `refine`, and the interpolation error (n, k) of each value found beside them.
 
-    `missed_because` is empty where the tolerance is met.
+    missed_because: why it stopped before the tolerance was met; empty where it is met.
     """
 
     nodes: Floats

@@ -228,7 +228,7 @@ class PressureTable:
             values = Values(self.u, np.array([0.0, 1.0]), part, np.empty((4, 0, 2)), None)
             packed.append(pack(layout, values, make_patches(layout, values), False, False))
         if self.film:
-            packed = [with_film(part, self.film, kind) for part, kind in zip(packed, (FIELDS_OF_FILM, LOSSES), strict=True)]
+            return with_film(packed[0], self.film, FIELDS_OF_FILM), with_film(packed[1], self.film, LOSSES)
         return packed[0], packed[1]
 
     @cached_property
@@ -348,7 +348,7 @@ class PressureTable:
         u, v, q, absorptance, error = numbers(*_REQUIRED)
         worst = numbers("error_stokes")[0] if "error_stokes" in data else None
         amplitudes = numbers("amplitude")[0] if "amplitude" in data else None
-        film = from_rows(*numbers("film"), float(data["film_p_share"])) if "film" in data else None
+        film = from_rows(numbers("film")[0], float(data["film_p_share"])) if "film" in data else None
         return cls(
             u, v, q, absorptance, error, mirror_v, axisymmetric, attrs, cutoffs, stokes[0], stokes[1], worst,
             amplitudes, film,

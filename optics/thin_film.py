@@ -23,11 +23,12 @@ from optics.files import InputError, Stopwatch, run_stage, versions
 from optics.film_table import Film
 from optics.fringes import carries_waves, fringes
 from optics.incidence import Complexes, Floats
+from optics.promise import finish, promised
 from optics.sampling import refine
 from optics.table import PressureTable
 
 P_SHARE = {"s": 0.0, "p": 1.0, "mean": 0.5}
-# A film is sampled from this many nodes on, so that a resonance as wide as half their distance cannot fall between them.
+# A film is sampled from this many nodes on: a resonance as wide as half their distance cannot fall between them.
 _NODES = 33
 
 
@@ -220,10 +221,11 @@ def make_table(cell: ThinFilm, s_max: float, tolerance: float) -> PressureTable:
     }
     # Closed form: what error there is comes from interpolation and rounding.
     error = rounding + (found.error[:, :4].max(axis=1) if sampled else 0.0)
-    return PressureTable(
+    table = PressureTable(
         s, np.zeros(1), values[:3], values[3], error[:, None], axisymmetric=True, attrs=attrs,
         amplitudes=values[4:] if len(values) > 4 else None, film=None if sampled else own,
     )
+    return promised(table, tolerance, ["rounding"])
 
 
 def main() -> None:
@@ -233,7 +235,7 @@ def main() -> None:
     if not isinstance(cell, ThinFilm):
         raise InputError(f"{arguments.cell}: kind = {cell.kind!r}: must be thin_film; use optics.modal for gratings")
     check_range(cell.surroundings.front, arguments.u_max)
-    make_table(cell, arguments.u_max, arguments.tolerance).write(arguments.out)
+    finish(make_table(cell, arguments.u_max, arguments.tolerance), arguments.out, arguments.accept_missed)
 
 
 if __name__ == "__main__":

@@ -208,7 +208,7 @@ def _averaged(index: Complexes, depth: Floats, coherent: Flags, s: float, p: boo
 def response(
     index: Complexes, depth: Floats, coherent: Flags, s: float, share: float
 ) -> tuple[float, float, float]:
-    """R, T, A of a stack: media (m,), depths k₀d (m − 2,), 1 for coherent layers, else 0 (m − 2,); share: of p light."""
+    """R, T, A of a stack: media (m,), depths k₀d (m − 2,), 1 for coherent layers, else 0 (m − 2,); share of p."""
     if coherent.sum() == coherent.size:
         of_s, of_p = _carried(index, depth, 0, depth.size + 1, s, share < 1, share > 0)
         r_s, t_s, a_s, _ = _powers(of_s, face(index[0], s, False))
@@ -232,7 +232,7 @@ def reflected(index: Complexes, depth: Floats, s: float) -> tuple[complex, compl
 def pressure(
     index: Complexes, depth: Floats, coherent: Flags, s: float, share: float
 ) -> tuple[float, float, float]:
-    """q along k_t, q along n, and absorptance of light from the front.
+    """Q along k_t, q along n, and absorptance of light from the front.
 
     Momentum balance with the specular orders alone: A s along, w(1 + R) − w' T across (`optics.momentum`). Light that
     enters an absorbing half-space stays there, its momentum and its power.
