@@ -126,6 +126,7 @@ def main() -> None:
     arguments = _arguments()
     out = Path(arguments.out)
     cell = read_grating(arguments.cell, arguments.wavelength_nm)
+    require_coherent(cell, "optics.fdtd")
     check_range(1.0, arguments.u_max, arguments.v_max)
     settings = validate({"tolerance": arguments.tolerance}, FdtdSettings, "command line")
     if (arguments.part or arguments.merge) and not arguments.nodes:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from optics.cells import LamellarStack, Metagrating
+from optics.cells import LamellarStack, Metagrating, is_coherent
 from optics.command import check_range, table_arguments
 from optics.files import InputError, Stopwatch, run_stage, versions
 from optics.incidence import Floats, worst_polarisation
@@ -151,7 +151,7 @@ def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, to
         "settings": {"u_max": u_max, "v_max": v_max, "tolerance": tolerance, "orders": order},
         "cutoffs": sorted(grazing),
         "energy_imbalance": float(np.abs(absorptance).max() if lossless else max(0.0, -absorptance.min())),
-        ATTRIBUTE: normal_response(cell, order).as_dict(),
+        **({ATTRIBUTE: normal_response(cell, order).as_dict()} if is_coherent(cell) else {}),
         "cpu_seconds": watch.cpu_seconds, "versions": versions("numpy", "scipy"),
     }
     table = PressureTable(
