@@ -6,17 +6,19 @@ The equations are those of `optics.lamellar`, with every layer in its modes, car
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import eigh
 
 from optics import dual
 from optics.cells import LamellarStack, Metagrating, as_stack, require_coherent
 from optics.dual import Dual
 from optics.files import InputError
-from optics.incidence import AXES, Floats
-from optics.lamellar import Lamella, lamellae, square_root, toeplitz_matrix
+from optics.incidence import AXES, Complexes, Floats
+from optics.lamellar import Lamella, lamellae, prepare, square_root
+from optics.stretch import THINNEST, Piece, Stretch, exact, fourier_coefficients, toeplitz_matrix, weight
 
 # A YAML field of a stack: layers[0].thickness_nm, layers[0].ridges[1].start_nm, layers[0].ridges[1].width_nm
 _FIELD = re.compile(r"layers\[(\d+)\]\.(?:(thickness_nm)|ridges\[(\d+)\]\.(start_nm|width_nm))$")
@@ -24,6 +26,8 @@ _GRATING = {"ridge_height_nm": "layers[0].thickness_nm", "membrane_nm": "layers[
 # A homogeneous layer in which k_z² of an order is less than this is made denser by as much: q moves by a tenth of it,
 # and derivatives, which lose digits as 1/k_z², keep six behind the point.
 _ALONG = 1e-6
+# Step of a wall, in periods, of differences of the matrices.
+_STEP = 1e-5
 _RIDGE = re.compile(r"ridges_nm\[(\d+)\]\[([01])\]$")
 
 
@@ -59,12 +63,13 @@ def derivatives(
     seeds = _Seeds(stack, parameters)
     u_dual, v_dual = seeds.scalar(u, "u"), seeds.scalar(v, "v")
     pitch = seeds.scalar(stack.pitch, "period_nm", -stack.pitch / stack.period_nm)
-    u_m = u_dual + pitch * np.arange(-order, order + 1.0)
+    over = _basis(seeds, prepare(cell).stretch(order), u_dual + pitch * np.arange(-order, order + 1.0))
+    u_m = over.cosines
     back = _back(stack)
     rho = _reflection(u_m, v_dual, back)
     f_plus = []
     layers = lamellae(stack)
-    waves = [_waves(seeds, i, layer, u_m, v_dual) for i, layer in enumerate(layers)]
+    waves = [_waves(seeds, i, layer, over, v_dual) for i, layer in enumerate(layers)]
     bounces: list[Dual] = []
     for plus, minus, x in reversed(waves):
         bounce = dual.solve(plus - rho @ minus, (rho @ plus - minus) * x)
@@ -101,31 +106,99 @@ class _Seeds:
         """Thickness of layer i in radians."""
         return self.scalar(layer.thickness, f"layers[{i}].thickness_nm", 2 * np.pi / self.stack.wavelength_nm)
 
-    def matrices(self, i: int, layer: Lamella, n: int) -> tuple[Dual, Dual]:
-        """⟦ε⟧ and ⟦1/ε⟧ (n, n) of layer i."""
-        values = layer.matrices(n)
-        edges = [self._edges(i, layer, n, inverse) for inverse in (False, True)]
-        return Dual(values[0], edges[0]), Dual(values[1], edges[1])
+    def pieces(self, i: int, inverse: bool, t: int = 0, step: float = 0.0) -> tuple[Piece, ...]:
+        """Ridges of layer i with their contrasts to the gaps, once parameter t has moved by a step."""
+        gap = self.stack.layers[i].index.permittivity
+        found = []
+        for j, ridge in enumerate(self.stack.layers[i].ridges):
+            inside = ridge.index.permittivity
+            start, end = self.ends(i, j) + step * self.rates(i, j)[:, t]
+            found.append((float(start), float(end - start), 1 / inside - 1 / gap if inverse else inside - gap))
+        return tuple(found)
 
-    def _edges(self, i: int, layer: Lamella, n: int, inverse: bool) -> Floats:
-        """Derivatives (n_parameters, n, n): an edge at x (in periods) that moves by δ adds (a − b) e^{−2πi m x} δ."""
-        m, period = np.arange(1 - n, n), self.stack.period_nm
-        out = np.zeros((len(self.names), n, n), complex)
-        ridges = self.stack.layers[i].ridges
-        for j, ridge in enumerate(ridges):
-            inside, outside = ridge.index.permittivity, layer.background
-            step = 1 / inside - 1 / outside if inverse else inside - outside
-            ends = (ridge.start_nm / period, (ridge.start_nm + ridge.width_nm) / period)
-            left, right = (step * np.exp(-2j * np.pi * m * x) for x in ends)
-            for t, name in enumerate(self.names):
-                moves = {
-                    f"layers[{i}].ridges[{j}].start_nm": (right - left) / period,
-                    f"layers[{i}].ridges[{j}].width_nm": right / period,
-                    "period_nm": (left * ends[0] - right * ends[1]) / period,
-                }
-                if name in moves:
-                    out[t] += toeplitz_matrix(moves[name])
-        return out
+    @property
+    def ridges(self) -> list[tuple[int, int]]:
+        """Layer and number of each ridge."""
+        return [(i, j) for i, layer in enumerate(self.stack.layers) for j in range(len(layer.ridges))]
+
+    def ends(self, i: int, j: int) -> Floats:
+        """Where ridge j of layer i starts and ends, in periods (2,)."""
+        ridge = self.stack.layers[i].ridges[j]
+        return np.array([ridge.start_nm, ridge.start_nm + ridge.width_nm]) / self.stack.period_nm
+
+    def rates(self, i: int, j: int) -> Floats:
+        """Derivatives (2, n_parameters) of `ends`."""
+        period, (start, end) = self.stack.period_nm, self.ends(i, j)
+        field = f"layers[{i}].ridges[{j}]"
+        moves = {
+            f"{field}.start_nm": (1.0, 1.0), f"{field}.width_nm": (0.0, 1.0), "period_nm": (-start, -end),
+        }
+        return np.array([moves.get(name, (0.0, 0.0)) for name in self.names]).reshape(-1, 2).T / period
+
+    def moved(self, of: Stretch, t: int, step: float) -> Stretch:
+        """The stretch, once parameter t has moved by a step: its walls follow the ridges."""
+        old = np.array(of.x)
+        x = old.copy()
+        for i, j in self.ridges:
+            for end, rate in zip(self.ends(i, j), self.rates(i, j)[:, t], strict=True):
+                here = np.abs((old - end + 0.5) % 1.0 - 0.5) < THINNEST
+                x[here] = old[here] + step * rate
+        return replace(of, x=tuple(x.tolist()))
+
+    def matrix(self, of: Callable[[int, float], Complexes]) -> Dual:
+        """A matrix and its derivatives, by differences of fourth order; of(t, step): where parameter t has moved."""
+        value, period = of(0, 0.0), self.stack.period_nm
+        dot = np.zeros((len(self.names), *value.shape), complex)
+        for t in range(len(self.names)):
+            if any(self.rates(i, j)[:, t].any() for i, j in self.ridges):
+                h = _STEP * period
+                near, far = (of(t, k * h) - of(t, -k * h) for k in (1, 2))
+                dot[t] = (8 * near - far) / (12 * h)
+        return Dual(value, dot)
+
+    def contrast(self, i: int, over: _Basis, inverse: bool) -> Dual:
+        """⟦ε⟧ or ⟦1/ε⟧ (n, n) of layer i less that of its gaps."""
+        n, within = over.cosines.value.size, over.stretch
+
+        def raw(t: int, step: float) -> Complexes:
+            moved = self.moved(within, t, step) if within else None
+            return toeplitz_matrix(fourier_coefficients(moved, self.pieces(i, inverse, t, step), n - 1))
+
+        return over.take(self.matrix(raw))
+
+
+@dataclass(frozen=True)
+class _Basis:
+    """`optics.stretch.Basis` with its derivatives."""
+
+    stretch: Stretch | None
+    cosines: Dual
+    columns: Dual | None
+
+    def take(self, matrix: Dual) -> Dual:
+        """Wᴴ M W of a matrix over exp(iα_m ξ)."""
+        if self.columns is None:
+            return matrix
+        return dual.transpose(self.columns.conj) @ (matrix @ self.columns)
+
+
+def _basis(seeds: _Seeds, of: Stretch | None, u_m: Dual) -> _Basis:
+    """Plane waves and how they change: K w = κ F w with wᴴ F w = 1, by perturbation."""
+    if of is None:
+        return _Basis(None, u_m, None)
+    n = u_m.value.size
+    f = seeds.matrix(lambda t, step: weight(seeds.moved(of, t, step), n))
+    kappa, w = eigh(np.diag(u_m.value), f.value)
+    k_dot = u_m.dot[:, :, None] * np.eye(n)
+    turns, norms = w.conj().T @ k_dot @ w, w.conj().T @ f.dot @ w
+    turns = turns - norms * kappa
+    gaps = kappa - kappa[:, None] + np.eye(n)
+    mixing = np.where(np.eye(n) > 0, -norms / 2, turns / gaps)
+    own = exact(of, n)
+    cosines = Dual(
+        np.where(own, u_m.value, kappa), np.where(own, u_m.dot, np.einsum("tii->ti", turns).real)
+    )
+    return _Basis(of, cosines, Dual(w.astype(complex), w @ mixing))
 
 
 def _back(stack: LamellarStack) -> complex:
@@ -137,12 +210,13 @@ def _column(x: Dual) -> Dual:
     return Dual(x.value[:, None], x.dot[:, :, None])
 
 
-def _waves(seeds: _Seeds, i: int, layer: Lamella, u_m: Dual, v: Dual) -> tuple[Dual, Dual, Dual]:
+def _waves(seeds: _Seeds, i: int, layer: Lamella, over: _Basis, v: Dual) -> tuple[Dual, Dual, Dual]:
     """f₊, f₋ (2n, 2n) of the modes of layer i running along +z, and their decay (2n,)."""
-    n = u_m.value.size
-    k, one = dual.diagonal(u_m), np.eye(n)
+    u_m, one = over.cosines, np.eye(over.cosines.value.size)
+    k = dual.diagonal(u_m)
     if layer.ridges:
-        epsilon, inverse = seeds.matrices(i, layer, n)
+        epsilon = seeds.contrast(i, over, False) + layer.background * one
+        inverse = seeds.contrast(i, over, True) + one / layer.background
         beta2_s, psi = dual.eig(epsilon - k @ k)
         inverse_epsilon_k = dual.solve(epsilon, k)
         beta2_p, phi = dual.eig(dual.solve(inverse, one - k @ inverse_epsilon_k))

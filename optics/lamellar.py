@@ -16,25 +16,30 @@ Layers are joined through the waves f± = ẑ × E ± h that run towards and awa
 bounded for every passive structure, also where an admittance or an impedance has a pole, and a layer adds decaying
 exponentials only, so that nothing grows with thickness. Both polarisations are solved at once: efficiencies are
 Hermitian forms in the incident Jones vector, given by their values for the four Stokes components.
+
+Where there are orders enough the basis is plane waves along a stretched coordinate (`optics.stretch`), in which these
+equations look the same and converge far faster.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import toeplitz
+from scipy.linalg import eigh
 
 from optics.cells import LamellarStack, Metagrating, as_stack
 from optics.incidence import Complexes, Floats, electric_vector, order_cosines, polarisation_basis, stokes, wave_vector
 from optics.momentum import pressure
 from optics.scattering import NEGLIGIBLE, LayerModes, scatter
+from optics.stretch import Basis, Mesh, Stretch, basis, fourier_coefficients, mesh, stretch, toeplitz_matrix
 
 # A mode exactly at its cut-off (k_z = 0) is moved off it by this much: q moves by as little, and no matrix is singular.
 _CUTOFF = 1e-8
+# A wave whose decay is less than this share of its phase counts as running.
+_REAL = 1e-6
 # Directions that are worked on at a time.
 _BLOCK = 256
 
@@ -57,28 +62,12 @@ class Response:
     absorptance_stokes: Floats
 
 
-def fourier_coefficients(background: complex, ridges: Iterable[tuple[float, float, complex]], count: int) -> Complexes:
-    """Fourier coefficients −count … count of a function that is `background` but on `ridges` (start, width, value).
-
-    Starts and widths in periods.
-    """
-    m = np.arange(-count, count + 1)
-    total = np.where(m == 0, background, 0.0).astype(complex)
-    for start, width, value in ridges:
-        total += (value - background) * width * np.sinc(m * width) * np.exp(-2j * np.pi * m * (start + width / 2))
-    return total
-
-
-def toeplitz_matrix(coefficients: Complexes) -> Complexes:
-    """Toeplitz matrix (n, n) of Fourier coefficients −(n − 1) … n − 1."""
-    n = coefficients.size // 2
-    return np.asarray(toeplitz(coefficients[n:], coefficients[n::-1]))
-
-
 def square_root(square: Complexes) -> Complexes:
-    """√ with the sign of a wave that runs or decays along +z; kept off zero by `_CUTOFF`."""
+    """√ with the sign of a wave that decays or else runs along +z; kept off zero by `_CUTOFF`."""
     root = np.sqrt(square)
-    root = np.where(root.real + root.imag < 0, -root, root)
+    # Plasmons may run backwards (Re < 0) while they decay; a root that is real but for rounding runs forwards.
+    real = np.abs(root.imag) <= _REAL * np.abs(root)
+    root = np.where(np.where(real, root.real, root.imag) < 0, -root, root)
     return np.where(np.abs(root) < _CUTOFF, _CUTOFF * np.exp(0.25j * np.pi), root)
 
 
@@ -90,20 +79,28 @@ class Lamella:
     background: complex
     ridges: tuple[tuple[float, float, complex], ...]
 
-    def matrices(self, n: int) -> tuple[Complexes, Complexes]:
-        """⟦ε⟧ and ⟦1/ε⟧ (n, n)."""
-        inverse = tuple((start, width, 1 / value) for start, width, value in self.ridges)
-        return (
-            toeplitz_matrix(fourier_coefficients(self.background, self.ridges, n - 1)),
-            toeplitz_matrix(fourier_coefficients(1 / self.background, inverse, n - 1)),
-        )
+    @property
+    def lossless(self) -> bool:
+        """Whether nothing in it absorbs or is metal: its modes are then those of Hermitian matrices."""
+        return all(value.imag == 0 and value.real > 0 for value in (self.background, *(x[2] for x in self.ridges)))
+
+    def contrast(self, within: Stretch | None, n: int, inverse: bool) -> Complexes:
+        """⟦f (ε − ε_gap)⟧ or ⟦f (1/ε − 1/ε_gap)⟧ (n, n)."""
+        gap = self.background
+        pieces = tuple((start, width, 1 / e - 1 / gap if inverse else e - gap) for start, width, e in self.ridges)
+        return toeplitz_matrix(fourier_coefficients(within, pieces, n - 1))
+
+    def matrices(self, over: Basis) -> tuple[Complexes, Complexes]:
+        """⟦ε⟧ and ⟦1/ε⟧ (n, n) in a basis."""
+        n = over.cosines.size
+        epsilon, inverse = (over.take(part) for part in _contrasts(self, over.stretch, n))
+        return self.background * np.eye(n) + epsilon, 1 / self.background * np.eye(n) + inverse
 
 
 @lru_cache(maxsize=64)
-def _operators(layer: Lamella, n: int) -> tuple[Complexes, Complexes, Complexes, Complexes]:
-    """⟦ε⟧, ⟦1/ε⟧ and the inverse of each (n, n): the same for every direction."""
-    epsilon, inverse = layer.matrices(n)
-    return epsilon, inverse, np.linalg.inv(epsilon), np.linalg.inv(inverse)
+def _contrasts(layer: Lamella, within: Stretch | None, n: int) -> tuple[Complexes, Complexes]:
+    """Both contrasts of a layer: the same for every direction."""
+    return layer.contrast(within, n, False), layer.contrast(within, n, True)
 
 
 def lamellae(stack: LamellarStack) -> list[Lamella]:
@@ -119,20 +116,24 @@ def lamellae(stack: LamellarStack) -> list[Lamella]:
     return out
 
 
-def modes(layer: Lamella, u_m: Floats) -> LayerModes:
-    """Both families of modes of a layer for order cosines u_m (n,)."""
+def modes(layer: Lamella, over: Basis) -> LayerModes:
+    """Both families of modes of a layer in the plane waves of one u."""
+    u_m = over.cosines
     if not layer.ridges:
         one, k = np.eye(u_m.size, dtype=complex), np.diag(u_m).astype(complex)
         beta2 = layer.background - u_m**2 + 0j
         # At β = 0 a mode's E and h, which hold k_z and β², would not belong together once k_z is moved off zero.
         beta2 = np.where(np.abs(beta2) < _CUTOFF**2, 1j * _CUTOFF**2, beta2)
         return LayerModes(beta2, one, k, beta2, one, np.diag(beta2) / layer.background, k / layer.background)
-    epsilon, inverse, inverse_epsilon, inverse_inverse = _operators(layer, u_m.size)
-    beta2_s, psi = np.linalg.eig(epsilon - np.diag(u_m**2))
-    inverse_epsilon_k = inverse_epsilon * u_m  # ⟦ε⟧⁻¹ K
-    beta2_p, phi = np.linalg.eig(inverse_inverse @ (np.eye(u_m.size) - u_m[:, None] * inverse_epsilon_k))
+    epsilon, inverse = layer.matrices(over)
+    inverse_epsilon_k = np.linalg.inv(epsilon) * u_m  # ⟦ε⟧⁻¹ K
+    electric, magnetic = epsilon - np.diag(u_m**2), np.eye(u_m.size) - u_m[:, None] * inverse_epsilon_k
+    if layer.lossless:
+        (beta2_s, psi), (beta2_p, phi) = eigh(electric), eigh(magnetic, inverse)
+    else:
+        (beta2_s, psi), (beta2_p, phi) = np.linalg.eig(electric), np.linalg.eig(np.linalg.solve(inverse, magnetic))
     return LayerModes(
-        beta2_s, psi, u_m[:, None] * psi, beta2_p, phi, inverse @ phi * beta2_p, inverse_epsilon_k @ phi
+        beta2_s + 0j, psi, u_m[:, None] * psi, beta2_p + 0j, phi, inverse @ phi * beta2_p, inverse_epsilon_k @ phi
     )
 
 
@@ -208,23 +209,36 @@ def _flux(turned_e: Complexes, h: Complexes) -> Floats:
 
 @dataclass(frozen=True)
 class Stack:
-    """A cell prepared for the solver: pitch λ/d, patterned layers, homogeneous layers behind them, permittivities."""
+    """A cell prepared for the solver: pitch λ/d, patterned layers, homogeneous layers behind them, permittivities.
+
+    Its walls, or None for plain plane waves.
+    """
 
     pitch: float
     patterned: list[Lamella]
     behind: list[Lamella]
     front_index: float
     back: complex
+    walls: Mesh | None
+
+    def stretch(self, order: int) -> Stretch | None:
+        """How x is stretched for so many orders."""
+        return stretch(self.walls, order) if self.walls else None
 
 
-def prepare(cell: Metagrating | LamellarStack) -> Stack:
-    """The cell in solver units."""
+def prepare(cell: Metagrating | LamellarStack, stretched: bool = True) -> Stack:
+    """The cell in solver units; `stretched=False` for plane waves along x itself."""
     stack = as_stack(cell)
     layers = lamellae(stack)
     last = max((i for i, layer in enumerate(layers) if layer.ridges), default=0)
     around = stack.surroundings
     back = complex(around.back, around.back_k) ** 2
-    return Stack(stack.pitch, layers[: last + 1], layers[last + 1 :], around.front, back)
+    patterned = [layer for layer in layers if layer.ridges]
+    every = [back, around.front**2, *(x for layer in layers for x in (layer.background, *(r[2] for r in layer.ridges)))]
+    densest = max(np.sqrt(max(x.real, 1.0)) for x in every) / stack.pitch
+    metal = any(x.real < 0 for x in every)
+    walls = mesh([(layer.background, layer.ridges) for layer in patterned], densest, metal) if stretched else None
+    return Stack(stack.pitch, layers[: last + 1], layers[last + 1 :], around.front, back, walls)
 
 
 def _incident(u: Floats, v: Floats, order: int, index: float) -> tuple[Complexes, Complexes]:
@@ -240,14 +254,14 @@ def _incident(u: Floats, v: Floats, order: int, index: float) -> tuple[Complexes
 
 
 def _through_layers(
-    stack: Stack, u_m: Floats, v: Floats, front: Complexes, back: Complexes, source: Complexes, negligible: float
+    stack: Stack, bases: list[Basis], starts: list[int], v: Floats, front: Complexes, back: Complexes,
+    source: Complexes, negligible: float,
 ) -> tuple[Complexes, Complexes]:
-    """`scatter` for n_d directions, those of one u (equal rows of u_m) next to each other: f± at the top, f₊ below."""
+    """`scatter` for n_d directions, those of one u and basis from `starts` on: f± at the top, f₊ below."""
     top, bottom = np.empty((v.size, 2, *source.shape[1:]), complex), np.empty_like(source)
     thickness = np.array([layer.thickness for layer in stack.patterned])[:, None]
-    starts = np.flatnonzero(np.append(True, np.any(np.diff(u_m, axis=0) != 0, axis=1)))
-    for begin, end in zip(starts, [*starts[1:], v.size], strict=True):
-        layers = [modes(layer, u_m[begin]) for layer in stack.patterned]
+    for over, begin, end in zip(bases, starts, [*starts[1:], v.size], strict=True):
+        layers = [modes(layer, over) for layer in stack.patterned]
         stacked = LayerModes(*(np.stack(part) for part in zip(*layers, strict=True)))
         beta2 = np.concatenate([stacked.beta2_s, stacked.beta2_p], axis=1)
         k_z = square_root(beta2 - v[begin:end, None, None] ** 2)
@@ -265,13 +279,15 @@ def efficiencies(
 
     The modes are found once for neighbours of equal u.
     """
-    u_m = u[:, None] + stack.pitch * np.arange(-order, order + 1)
+    starts = [0, *(np.flatnonzero(np.diff(u)) + 1).tolist()]
+    bases = [basis(stack.stretch(order), u_i, stack.pitch, order) for u_i in u[starts].tolist()]
+    u_m = np.repeat([over.cosines for over in bases], np.diff([*starts, u.size]), axis=0)
     _, y_front = half_space(u_m, v, complex(stack.front_index) ** 2)
     front = blocks((1 - y_front) / (1 + y_front), u_m, v)
     rho, through = tail(stack.behind, stack.back, u_m, v)
     e_in, h_in = _incident(u, v, order, stack.front_index)
     source = e_in + h_in - apply_blocks(front, e_in - h_in)
-    top, bottom = _through_layers(stack, u_m, v, front, blocks(rho, u_m, v), source, negligible)
+    top, bottom = _through_layers(stack, bases, starts, v, front, blocks(rho, u_m, v), source, negligible)
 
     e_r, h_r = (top[:, 0] + top[:, 1]) / 2 - e_in, (top[:, 0] - top[:, 1]) / 2 - h_in
     e_t = apply_blocks(blocks(through, u_m, v), bottom)

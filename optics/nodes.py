@@ -10,9 +10,10 @@ from threadpoolctl import threadpool_limits
 
 from optics.command import check_range, table_arguments
 from optics.files import run_stage, write_json
-from optics.modal import propagating, solve
+from optics.lamellar import solve
 from optics.outline import Grating, read_grating, upright
 from optics.sampling import choose_nodes
+from optics.truncation import propagating
 
 _SPACING = 0.002
 _ORDER = 12

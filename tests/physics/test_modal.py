@@ -7,9 +7,10 @@ import yaml
 from optics import modal
 from optics.cells import Index, Layer, Metagrating, ThinFilm
 from optics.incidence import worst_polarisation
-from optics.modal import make_table, order_error, solve
+from optics.modal import make_table, solve
 from optics.table import PressureTable
 from optics.thin_film import pressure
+from optics.truncation import order_error
 
 
 def one(cell, u, v, order):

@@ -16,7 +16,8 @@ from rows import CELLS, DESIGNS
 from threadpoolctl import threadpool_limits
 
 from optics.cells import Metagrating, read_metagrating
-from optics.modal import choose_order, order_error, solve
+from optics.lamellar import solve
+from optics.truncation import choose_order, order_error
 
 WAVELENGTH = 1064.0
 SMALLEST = 40.0

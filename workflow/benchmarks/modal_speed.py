@@ -18,7 +18,8 @@ from rows import CELLS, DESIGNS, seconds
 from threadpoolctl import threadpool_limits
 
 from optics.cells import Metagrating, read_metagrating
-from optics.modal import choose_order, solve
+from optics.lamellar import solve
+from optics.truncation import choose_order
 
 RANGE = 0.4227
 TOLERANCE = 1e-3
