@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from optics.cells import require_coherent
 from optics.command import add_table_arguments, check_range, checked
 from optics.fdtd_adaptive import adapt
 from optics.fdtd_direction import check_window, solve_direction

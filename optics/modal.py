@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from optics.cells import LamellarStack, Metagrating, is_coherent
+from optics.cells import LamellarStack, Metagrating, as_stack, is_coherent
 from optics.command import check_range, table_arguments
 from optics.files import Stopwatch, run_stage, versions
 from optics.incidence import Floats, worst_polarisation
@@ -16,6 +16,7 @@ from optics.incidence import cutoffs as rayleigh_cutoffs
 from optics.lamellar import Response as Response
 from optics.lamellar import solve as solve
 from optics.local import normal_response
+from optics.membranes import check_fringes
 from optics.normal import ATTRIBUTE
 from optics.outline import SLICES, polygons, read_grating, upright
 from optics.promise import finish, promised
@@ -29,6 +30,7 @@ _NEGLIGIBLE = 1e-2
 # The first rows in u and lines in v² are no further apart: narrower resonances may be missed.
 _FIRST_STEP = 0.0112
 _FEWEST_ROWS, _FEWEST_LINES = 17, 6
+_MOST_INDICES = 2
 _OWN = 4  # quantities of the cell's own polarisation, which the directions are chosen for
 
 
@@ -60,7 +62,10 @@ def _error_in_any(differences: Floats) -> Floats:
 def window_curves(cell: Metagrating | LamellarStack, u_max: float, v_max: float) -> Curves:
     """Cut-offs within the window, of both half-spaces."""
     # Where a half-space carries no waves at the largest v its cut-offs close within the table: left to refinement.
-    indices = tuple(n for n in (cell.surroundings.front, cell.surroundings.back) if n > v_max)
+    thick = {layer.index.n for layer in as_stack(cell).layers if not layer.coherent}
+    around = {cell.surroundings.front, cell.surroundings.back}
+    # Orders appear in thick layers as in half-spaces. A table holds cut-offs of two indices.
+    indices = tuple(n for n in (around | thick if len(around | thick) <= _MOST_INDICES else around) if n > v_max)
     return rayleigh_curves(cell.pitch, indices, -u_max, u_max, v_max)
 
 
@@ -88,6 +93,7 @@ def choose_nodes(
 def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float) -> PressureTable:
     """Pressure table over |u| ≤ u_max, |v| ≤ v_max, its orders and directions chosen for an error near `tolerance`."""
     watch = Stopwatch()
+    check_fringes(cell, u_max, v_max, tolerance)
     order = choose_order(cell, np.linspace(-u_max, u_max, 24), v_max * np.array([0.0, 0.5, 1.0]), tolerance)
     refined = choose_nodes(cell, u_max, v_max, tolerance, order)
     found = refined.samples

@@ -9,19 +9,18 @@ turn J into S J S†, in these four numbers S ⊗ S*. For films that is the inco
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optics.incidence import Complexes, Floats
 
-# Unit waves (n_d, 2n, k) that come to a part, as ẑ × E in x and y of the orders → those reflected and sent on.
-Solve = Callable[[Complexes], tuple[Complexes, Complexes]]
+Indices = NDArray[np.int64]
 
 
 class Medium(NamedTuple):
-    """A homogeneous medium: admittances of s and p (2, n_d, n), their turn into x, y (n_d, n, 2, 2), and which run."""
+    """Waves of n orders in a homogeneous medium: see `medium`."""
 
     turn: Floats
     scale: Floats
@@ -43,12 +42,12 @@ def medium(u_m: Floats, v: Floats, k_z: Complexes, y: Complexes, depth: float) -
     return Medium(turn, np.moveaxis(scale, 0, -1), np.where(runs, np.exp(-2.0 * k_z.imag * depth), 0.0))
 
 
-def running(of: Medium) -> Floats:
+def running(of: Medium) -> Indices:
     """The orders that run at one of the directions at least."""
     return np.flatnonzero(of.scale.any(axis=(0, 2)))
 
 
-def unit_waves(of: Medium, orders: Floats) -> Complexes:
+def unit_waves(of: Medium, orders: Indices) -> Complexes:
     """ẑ × E (n_d, 2n, 2k) of waves of unit power of some orders k, s and p; 0 for those that don't run."""
     n_d, n = of.decay.shape
     out = np.zeros((n_d, 2, n, orders.size, 2), complex)
@@ -58,7 +57,7 @@ def unit_waves(of: Medium, orders: Floats) -> Complexes:
     return out.reshape(n_d, 2 * n, -1)
 
 
-def amplitudes(of: Medium, orders: Floats, waves: Complexes) -> Complexes:
+def amplitudes(of: Medium, orders: Indices, waves: Complexes) -> Complexes:
     """Amplitudes (n_d, k, 2, columns) of unit-power s and p waves of orders k, from ẑ × E (n_d, 2n, columns)."""
     n_d, n = of.decay.shape
     parts = waves.reshape(n_d, 2, n, -1)[:, :, orders]

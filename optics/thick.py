@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
+
 import numpy as np
 
 from optics import lamellar
 from optics.incidence import Complexes, Floats
 from optics.power_balance import (
+    Indices,
     Medium,
     Part,
     amplitudes,
@@ -17,66 +22,82 @@ from optics.power_balance import (
     stokes_powers,
     unit_waves,
 )
+from optics.stretch import Basis
 
 
-def _waves(
-    layers: list[lamellar.Lamella], front: complex, back: complex, u_m: Floats, v: Floats, incoming: Complexes,
-    negligible: float,
-) -> tuple[Complexes, Complexes]:
-    """ẑ × E reflected and sent on (n_d, 2n, k) by layers between two media, of waves ẑ × E (n_d, 2n, k) in the first."""
-    layers = layers or [lamellar.Lamella(0.0, front, ())]
-    last = max((i for i, layer in enumerate(layers) if layer.ridges), default=0)
-    y = lamellar.blocks(lamellar.half_space(u_m, v, front)[1], u_m, v)
-    ratio = lamellar.half_space(u_m, v, front)[1]
-    rho_front = lamellar.blocks((1 - ratio) / (1 + ratio), u_m, v)
-    rho, through = lamellar.tail(layers[last + 1 :], back, u_m, v)
-    h = lamellar.apply_blocks(y, incoming)
-    source = incoming + h - lamellar.apply_blocks(rho_front, incoming - h)
-    stack = lamellar.Stack(1.0, layers[: last + 1], [], 1.0, back)
-    top, bottom = lamellar.through_layers(
-        stack, u_m, v, rho_front, lamellar.blocks(rho, u_m, v), source, negligible
-    )
-    return (top[:, 0] + top[:, 1]) / 2 - incoming, lamellar.apply_blocks(lamellar.blocks(through, u_m, v), bottom)
+@dataclass(frozen=True)
+class _Solver:
+    """What all parts of a cell share: plane waves of the directions u, v (n_d) and how far modes are followed."""
+
+    stack: lamellar.Stack
+    bases: list[Basis]
+    starts: list[int]
+    u_m: Floats
+    v: Floats
+    negligible: float
+
+    def waves(
+        self, layers: list[lamellar.Lamella], front: complex, back: complex, incoming: Complexes
+    ) -> tuple[Complexes, Complexes]:
+        """ẑ × E (n_d, 2n, k) reflected and sent on by layers between two media, of that of waves from the first."""
+        layers, u_m, v = layers or [lamellar.Lamella(0.0, front, ())], self.u_m, self.v
+        last = max((i for i, layer in enumerate(layers) if layer.ridges), default=0)
+        y = lamellar.half_space(u_m, v, front)[1]
+        rho_front = lamellar.blocks((1 - y) / (1 + y), u_m, v)
+        rho, through = lamellar.tail(layers[last + 1 :], back, u_m, v)
+        h = lamellar.apply_blocks(lamellar.blocks(y, u_m, v), incoming)
+        source = incoming + h - lamellar.apply_blocks(rho_front, incoming - h)
+        part = replace(self.stack, patterned=layers[: last + 1])
+        top, bottom = lamellar.through_layers(
+            part, self.bases, self.starts, v, rho_front, lamellar.blocks(rho, u_m, v), source, self.negligible
+        )
+        sent = lamellar.apply_blocks(lamellar.blocks(through, u_m, v), bottom)
+        return (top[:, 0] + top[:, 1]) / 2 - incoming, sent
+
+    def medium(self, permittivity: complex, depth: float) -> Medium:
+        """The waves of a medium."""
+        k_z, y = lamellar.half_space(self.u_m, self.v, permittivity)
+        return medium(self.u_m, self.v, k_z, y, depth)
+
+    def powers(
+        self, layers: list[lamellar.Lamella], near: _Side, far: _Side, incoming: Complexes
+    ) -> tuple[Complexes, Complexes]:
+        """What a part makes of the coherency of waves (n_d, 2n, 2k) from the near side: reflected and sent on."""
+        reflected, sent = self.waves(layers, near.permittivity, far.permittivity, incoming)
+        return coherency(amplitudes(near.waves, near.orders, reflected)), coherency(
+            amplitudes(far.waves, far.orders, sent)
+        )
 
 
-def _medium(permittivity: complex, depth: float, u_m: Floats, v: Floats) -> Medium:
-    k_z, y = lamellar.half_space(u_m, v, permittivity)
-    return medium(u_m, v, k_z, y, depth)
+class _Side(NamedTuple):
+    """A medium beside a part, and the orders that are followed in it."""
 
-
-def _mueller(
-    layers: list[lamellar.Lamella], front: complex, back: complex, u_m: Floats, v: Floats, incoming: Complexes,
-    to_front: tuple[Medium, Floats], to_back: tuple[Medium, Floats], negligible: float,
-) -> tuple[Complexes, Complexes]:
-    """What a part makes of the coherency of incoming waves (n_d, 2n, 2k): reflected and sent on."""
-    reflected, sent = _waves(layers, front, back, u_m, v, incoming, negligible)
-    return coherency(amplitudes(*to_front, reflected)), coherency(amplitudes(*to_back, sent))
+    permittivity: complex
+    waves: Medium
+    orders: Indices
 
 
 def efficiencies(
     stack: lamellar.Stack, u: Floats, v: Floats, order: int, negligible: float
 ) -> tuple[Floats, Floats]:
     """As `lamellar.efficiencies`, with the fringes of the layers `stack.averaged` averaged."""
-    u_m = u[:, None] + stack.pitch * np.arange(-order, order + 1)
+    solver = _Solver(stack, *lamellar.plane_waves(stack, u, order), v, negligible)
     layers = [*stack.patterned, *stack.behind]
-    cuts = [-1, *stack.averaged, len(layers)]
-    epsilon = [complex(stack.front_index) ** 2, *(layers[i].background for i in stack.averaged), stack.back]
-    depths = [0.0, *(layers[i].thickness for i in stack.averaged), 0.0]
-    media = [_medium(e, d, u_m, v) for e, d in zip(epsilon, depths, strict=True)]
-    sides = [(of, np.arange(2 * order + 1) if i in (0, len(media) - 1) else running(of)) for i, of in enumerate(media)]
+    thick = [layers[i] for i in stack.averaged]
+    between = [layers[i + 1 : j] for i, j in pairwise([-1, *stack.averaged, len(layers)])]
+    inside = [(layer.background, solver.medium(layer.background, layer.thickness)) for layer in thick]
+    every = np.arange(2 * order + 1)
+    outside = [_Side(e, solver.medium(e, 0.0), every) for e in (complex(stack.front_index) ** 2, stack.back)]
+    sides = [outside[0], *(_Side(e, waves, running(waves)) for e, waves in inside), outside[1]]
     e_in, h_in = lamellar.incident(u, v, order, stack.front_index)
     parts = []
-    for i in range(len(cuts) - 1):
-        between, near, far = layers[cuts[i] + 1 : cuts[i + 1]], sides[i], sides[i + 1]
-        incoming = e_in if i == 0 else unit_waves(*near)
-        ahead = _mueller(between, epsilon[i], epsilon[i + 1], u_m, v, incoming, near, far, negligible)
-        back = ahead
-        if i < len(cuts) - 2:
-            back = _mueller(
-                between[::-1], epsilon[i + 1], epsilon[i], u_m, v, unit_waves(*far), far, near, negligible
-            )
+    for i, (part, (near, far)) in enumerate(zip(between, pairwise(sides), strict=True)):
+        incoming = e_in if i == 0 else unit_waves(near.waves, near.orders)
+        ahead = solver.powers(part, near, far, incoming)
+        last = far is sides[-1]
+        back = ahead if last else solver.powers(part[::-1], far, near, unit_waves(far.waves, far.orders))
         parts.append(Part(*ahead, *back))
-    decays = [of.decay[:, orders] for of, orders in sides[1:-1]]
+    decays = [side.waves.decay[:, side.orders] for side in sides[1:-1]]
     reflected, sent = join(parts, decays)
     power = lamellar.flux(e_in, h_in)[:, :1, order, None]
     return stokes_powers(reflected) / power, stokes_powers(sent) / power
