@@ -1,5 +1,7 @@
 """Gratings on thick membranes: fringes averaged, as powers of the orders to and fro."""
 
+from time import process_time
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,7 @@ from optics.cells import (
 )
 from optics.derivatives import derivatives
 from optics.files import InputError
+from optics.membranes import check_fringes
 from optics.modal import make_table
 from optics.thin_film import pressure
 
@@ -113,3 +116,23 @@ def test_solvers_that_know_fields_alone_say_so():
         grating([layer(200, 1.0, 0.0, [(50, 150, 2.2)], False)], "r", 900.0)
     with pytest.raises(ValueError, match="kind: lamellar"):
         sail(membrane_coherent=False, corner_radius_nm=20.0)
+
+
+def test_fringes_that_no_table_could_hold_are_refused_at_once():
+    """One line that names the layer, its fringes and the thickness up to which they could be held."""
+    began = process_time()
+    with pytest.raises(InputError, match=r"membrane_nm = 200000: makes \d+ fringes .* at most 2.5.e\+04, .*average"):
+        make_table(sail(), 0.4227, 0.4227, 1e-2)
+    assert process_time() - began < 10.0
+    check_fringes(sail().model_copy(update={"membrane_nm": 2e4}), 0.4227, 0.4227, 1e-2)
+    check_fringes(sail().model_copy(update={"membrane_nm": 1e5}), 0.03, 0.03, 1e-2)
+
+
+def test_layers_that_make_no_fringes_to_speak_of_are_let_through():
+    """One that light does not cross, and one between its like: their thickness is no matter."""
+    dark = grating([layer(200, 1.0, 0.0, [(50, 150, 2.2)]), layer(1e6, 1.5, 1e-3)], "r", 330.0)
+    same = grating([layer(200, 1.0, 0.0, [(50, 150, 2.2)]), layer(1e6, 1.0)], "r", 330.0)
+    for cell in (dark, same):
+        check_fringes(cell, 0.4, 0.4, 1e-3)
+    with pytest.raises(InputError, match=r"layers\[1\].thickness_nm = 1e\+06"):
+        check_fringes(grating([dark.layers[0], layer(1e6, 1.5)], "r", 330.0), 0.4, 0.4, 1e-3)
