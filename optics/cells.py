@@ -66,7 +66,8 @@ class Metagrating(_Periodic):
 
     Lengths in nm. `ridges_nm` holds [start, width] along +g within one period. `electric_axis` is the direction of E at
     normal incidence: 'r' (TE) or 'g' (TM). `corner_radius_nm` rounds the two outer corners of each ridge, those that
-    the light reaches first; the inner ones at its foot stay sharp.
+    the light reaches first; the inner ones at its foot stay sharp. `membrane_coherent: false` averages the fringes of
+    the membrane, as for one that is uneven by wavelengths.
     """
 
     kind: Literal["metagrating"]
@@ -76,6 +77,7 @@ class Metagrating(_Periodic):
     index: Index
     surroundings: Surroundings = Surroundings()
     corner_radius_nm: Thickness = 0.0
+    membrane_coherent: bool = True
 
     @model_validator(mode="after")
     def _ridges_fit(self) -> Metagrating:
@@ -99,6 +101,11 @@ class Metagrating(_Periodic):
                 f"corner_radius_nm = {self.corner_radius_nm:g}: must be at most {most:g}, the height of the ridges and "
                 "half their width"
             )
+        if self.corner_radius_nm > 0 and not self.membrane_coherent:
+            raise ValueError(
+                f"membrane_coherent = false with corner_radius_nm = {self.corner_radius_nm:g}: must be true; or give "
+                "the cell as kind: lamellar, with layers in place of the corners"
+            )
         return self
 
     @property
@@ -113,10 +120,14 @@ class Metagrating(_Periodic):
 
 
 class Layer(Strict):
-    """One homogeneous layer of a film, listed from the light side."""
+    """One homogeneous layer of a film, listed from the light side.
+
+    `coherent: false` averages its fringes, as for a layer that is uneven, or light less coherent, by a wavelength.
+    """
 
     thickness_nm: Thickness
     index: Index
+    coherent: bool = True
 
 
 class ThinFilm(Strict):
@@ -129,12 +140,6 @@ class ThinFilm(Strict):
     layers: Annotated[list[Layer], Field(min_length=1)]
     surroundings: Surroundings = Surroundings()
 
-    @model_validator(mode="after")
-    def _lossless_behind(self) -> ThinFilm:
-        if self.surroundings.back_k > 0:
-            raise ValueError(f"surroundings.back_k = {self.surroundings.back_k:g}: must be 0; give a thick layer")
-        return self
-
 
 class Ridge(Strict):
     """A ridge within a lamellar layer: where it starts along +g, its width, and what it is made of."""
@@ -145,11 +150,15 @@ class Ridge(Strict):
 
 
 class LamellarLayer(Strict):
-    """A layer whose index changes along g only: `index` with ridges in it that don't overlap."""
+    """A layer whose index changes along g only: `index` with ridges in it that don't overlap.
+
+    `coherent: false` averages the fringes of a layer without ridges, as for one that is uneven by wavelengths.
+    """
 
     thickness_nm: Thickness
     index: Index
     ridges: list[Ridge] = []
+    coherent: bool = True
 
 
 class LamellarStack(_Periodic):
@@ -164,6 +173,8 @@ class LamellarStack(_Periodic):
         near = _ROUNDING * self.period_nm
         for i, layer in enumerate(self.layers):
             end = 0.0
+            if layer.ridges and not layer.coherent:
+                raise ValueError(f"layers[{i}].coherent = false: must be true for a layer with ridges")
             for j, ridge in enumerate(layer.ridges):
                 where = f"layers[{i}].ridges[{j}]"
                 if ridge.start_nm < end - near:
@@ -187,7 +198,7 @@ def as_stack(cell: Metagrating | LamellarStack) -> LamellarStack:
         period_nm=cell.period_nm, surroundings=cell.surroundings,
         layers=[
             LamellarLayer(thickness_nm=cell.ridge_height_nm, index=front, ridges=ridges),
-            LamellarLayer(thickness_nm=cell.membrane_nm, index=cell.index),
+            LamellarLayer(thickness_nm=cell.membrane_nm, index=cell.index, coherent=cell.membrane_coherent),
         ],
     )
 
@@ -224,6 +235,22 @@ class Profile(_Periodic):
 
 
 Cell = Metagrating | ThinFilm | LamellarStack | Profile
+
+
+def is_coherent(cell: Cell) -> bool:
+    """Are all layers of the cell coherent."""
+    if isinstance(cell, Metagrating):
+        return cell.membrane_coherent
+    return isinstance(cell, Profile) or all(layer.coherent for layer in cell.layers)
+
+
+def require_coherent(cell: Cell, solver: str) -> None:
+    """InputError where a layer's fringes are averaged, for solvers that know fields alone."""
+    if not is_coherent(cell):
+        field = "membrane_coherent" if isinstance(cell, Metagrating) else "coherent"
+        raise InputError(f"{cell.name}: {field} = false: must be true for {solver}; optics.modal averages fringes")
+
+
 KINDS: dict[str, type[Cell]] = {
     "metagrating": Metagrating, "thin_film": ThinFilm, "lamellar": LamellarStack, "profile": Profile,
 }

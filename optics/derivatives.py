@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from optics import dual
-from optics.cells import LamellarStack, Metagrating, as_stack
+from optics.cells import LamellarStack, Metagrating, as_stack, require_coherent
 from optics.dual import Dual
 from optics.files import InputError
 from optics.incidence import AXES, Complexes, Floats
@@ -58,6 +58,7 @@ def derivatives(
     `ridge_height_nm`, `membrane_nm`, `ridges_nm[j][0]` (start) and `[1]` (width). Per nm for lengths. InputError for
     other names. At a Rayleigh cut-off itself q has no derivative.
     """
+    require_coherent(cell, "derivatives")
     stack = as_stack(cell)
     seeds = _Seeds(stack, parameters)
     u_dual, v_dual = seeds.scalar(u, "u"), seeds.scalar(v, "v")

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from optics.cells import require_coherent
 from optics.command import add_table_arguments, check_range, checked
 from optics.fdtd_adaptive import adapt
 from optics.fdtd_direction import check_window, solve_direction
@@ -126,6 +127,7 @@ def main() -> None:
     arguments = _arguments()
     out = Path(arguments.out)
     cell = read_grating(arguments.cell, arguments.wavelength_nm)
+    require_coherent(cell, "optics.fdtd")
     check_range(1.0, arguments.u_max, arguments.v_max)
     settings = validate({"tolerance": arguments.tolerance}, FdtdSettings, "command line")
     if (arguments.part or arguments.merge) and not arguments.nodes:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from optics import film_table
 from optics.packing import pack as pack
 from optics.patch_sum import prefetch, read, value_and_slopes, values
 from optics.places import (
@@ -49,6 +50,8 @@ _BUCKET, _STRIP, _START, _ROW, _LINE = (k * _BLOCK for k in range(_PLACES))
 @numba.njit(cache=True, error_model="numpy")
 def lookup(t: TableArrays, u: float, v: float) -> tuple[float, float, float, float, bool]:
     """(q_g, q_r, q_n, absorptance, inside) of one direction; outside the table the edge value with inside = False."""
+    if film_table.is_film(t):
+        return film_table.look_up(t, u, v)
     p = unpack(t)
     x, y = (np.sqrt(u * u + v * v), 0.0) if t.axisymmetric else (u, v)
     inside, folded = is_inside(p, x, y), fold(p, y)
@@ -269,6 +272,8 @@ def lookup_many(t: TableArrays, u: Floats, v: Floats, out: Floats) -> tuple[int,
 
     Returns how many directions lie outside the table (they get the edge value) and the first of them, or −1.
     """
+    if film_table.is_film(t):
+        return film_table.look_up_many(t, u, v, out)
     p = unpack(t)
     x, y = u, v
     if t.axisymmetric:

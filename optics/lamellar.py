@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from optics import thick
 from optics.cells import LamellarStack, Metagrating, as_stack
 from optics.incidence import Complexes, Floats, electric_vector, order_cosines, polarisation_basis, stokes, wave_vector
 from optics.momentum import pressure
@@ -195,7 +196,7 @@ def _turned(field: Complexes) -> Complexes:
     return np.concatenate([-field[..., n:, :], field[..., :n, :]], axis=-2)
 
 
-def _flux(turned_e: Complexes, h: Complexes) -> Floats:
+def flux(turned_e: Complexes, h: Complexes) -> Floats:
     """Power along +z (n_d, 4, n) of each order for the Stokes components, from ẑ × E and h (n_d, 2n, 2).
 
     With two unit polarisations a and b the power is P_aa |a|² + P_bb |b|² + 2 Re(P_ab a b*).
@@ -211,7 +212,7 @@ def _flux(turned_e: Complexes, h: Complexes) -> Floats:
 class Stack:
     """A cell prepared for the solver: pitch λ/d, patterned layers, homogeneous layers behind them, permittivities.
 
-    Its walls, or None for plain plane waves.
+    Its walls, or None for plain plane waves. averaged: which of all layers have their fringes averaged.
     """
 
     pitch: float
@@ -220,6 +221,7 @@ class Stack:
     front_index: float
     back: complex
     walls: Mesh | None
+    averaged: tuple[int, ...] = ()
 
     def stretch(self, order: int) -> Stretch | None:
         """How x is stretched for so many orders."""
@@ -233,15 +235,16 @@ def prepare(cell: Metagrating | LamellarStack, stretched: bool = True) -> Stack:
     last = max((i for i, layer in enumerate(layers) if layer.ridges), default=0)
     around = stack.surroundings
     back = complex(around.back, around.back_k) ** 2
+    averaged = tuple(i for i, layer in enumerate(stack.layers) if not layer.coherent)
     patterned = [layer for layer in layers if layer.ridges]
     every = [back, around.front**2, *(x for layer in layers for x in (layer.background, *(r[2] for r in layer.ridges)))]
     densest = max(np.sqrt(max(x.real, 1.0)) for x in every) / stack.pitch
     metal = any(x.real < 0 for x in every)
     walls = mesh([(layer.background, layer.ridges) for layer in patterned], densest, metal) if stretched else None
-    return Stack(stack.pitch, layers[: last + 1], layers[last + 1 :], around.front, back, walls)
+    return Stack(stack.pitch, layers[: last + 1], layers[last + 1 :], around.front, back, walls, averaged)
 
 
-def _incident(u: Floats, v: Floats, order: int, index: float) -> tuple[Complexes, Complexes]:
+def incident(u: Floats, v: Floats, order: int, index: float) -> tuple[Complexes, Complexes]:
     """ẑ × E and h (n_d, 2n, 2) of unit light in the zeroth order, polarised along each of the two basis vectors."""
     n = 2 * order + 1
     e, h = np.zeros((2, v.size, 2 * n, 2), complex)
@@ -253,7 +256,7 @@ def _incident(u: Floats, v: Floats, order: int, index: float) -> tuple[Complexes
     return _turned(e), h
 
 
-def _through_layers(
+def through_layers(
     stack: Stack, bases: list[Basis], starts: list[int], v: Floats, front: Complexes, back: Complexes,
     source: Complexes, negligible: float,
 ) -> tuple[Complexes, Complexes]:
@@ -272,6 +275,13 @@ def _through_layers(
     return top, bottom
 
 
+def plane_waves(stack: Stack, u: Floats, order: int) -> tuple[list[Basis], list[int], Floats]:
+    """The basis of each run of equal u (n_d), where the runs start, and the cosines (n_d, 2N + 1) of all directions."""
+    starts = [0, *(np.flatnonzero(np.diff(u)) + 1).tolist()]
+    bases = [basis(stack.stretch(order), u_i, stack.pitch, order) for u_i in u[starts].tolist()]
+    return bases, starts, np.repeat([over.cosines for over in bases], np.diff([*starts, u.size]), axis=0)
+
+
 def efficiencies(
     stack: Stack, u: Floats, v: Floats, order: int, negligible: float = NEGLIGIBLE
 ) -> tuple[Floats, Floats]:
@@ -279,21 +289,19 @@ def efficiencies(
 
     The modes are found once for neighbours of equal u.
     """
-    starts = [0, *(np.flatnonzero(np.diff(u)) + 1).tolist()]
-    bases = [basis(stack.stretch(order), u_i, stack.pitch, order) for u_i in u[starts].tolist()]
-    u_m = np.repeat([over.cosines for over in bases], np.diff([*starts, u.size]), axis=0)
+    bases, starts, u_m = plane_waves(stack, u, order)
     _, y_front = half_space(u_m, v, complex(stack.front_index) ** 2)
     front = blocks((1 - y_front) / (1 + y_front), u_m, v)
     rho, through = tail(stack.behind, stack.back, u_m, v)
-    e_in, h_in = _incident(u, v, order, stack.front_index)
+    e_in, h_in = incident(u, v, order, stack.front_index)
     source = e_in + h_in - apply_blocks(front, e_in - h_in)
-    top, bottom = _through_layers(stack, bases, starts, v, front, blocks(rho, u_m, v), source, negligible)
+    top, bottom = through_layers(stack, bases, starts, v, front, blocks(rho, u_m, v), source, negligible)
 
     e_r, h_r = (top[:, 0] + top[:, 1]) / 2 - e_in, (top[:, 0] - top[:, 1]) / 2 - h_in
     e_t = apply_blocks(blocks(through, u_m, v), bottom)
     h_t = apply_blocks(blocks(half_space(u_m, v, stack.back)[1], u_m, v), e_t)
-    incident = _flux(e_in, h_in)[:, :1, order, None]
-    return -_flux(e_r, h_r) / incident, _flux(e_t, h_t) / incident
+    power = flux(e_in, h_in)[:, :1, order, None]
+    return -flux(e_r, h_r) / power, flux(e_t, h_t) / power
 
 
 def _solve_block(
@@ -301,7 +309,8 @@ def _solve_block(
 ) -> tuple[Floats, ...]:
     """The parts of a `Response` for directions u, v (n_d)."""
     orders = np.arange(-order, order + 1)
-    reflected, transmitted = efficiencies(stack, u, v, order, negligible)
+    solver = thick.efficiencies if stack.averaged else efficiencies
+    reflected, transmitted = solver(stack, u, v, order, negligible)
     u_m, w_front = order_cosines(u, v, stack.pitch, orders, stack.front_index)
     _, w_back = order_cosines(u, v, stack.pitch, orders, float(np.sqrt(stack.back).real))
     reflected = np.where(w_front.real[:, None] > 0, reflected, 0.0)

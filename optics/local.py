@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
-from optics.cells import LamellarStack, Metagrating, as_stack
+from optics.cells import LamellarStack, Metagrating, as_stack, require_coherent
 from optics.derivatives import derivatives
 from optics.files import InputError, atomic, check_out, progress, run_stage, validate
 from optics.incidence import Floats
@@ -77,6 +77,7 @@ def read_cells(path: str | Path, block: int = 1, blocks: int = 1) -> list[tuple[
             raise InputError(f"{path}, line {number + 1}: not JSON ({error})") from None
         cell = validate(data, Metagrating, f"{path}, line {number + 1}")
         as_stack(cell)  # refuses rounded corners before any cell is solved
+        require_coherent(cell, "optics.local")
         out.append((number, cell))
     return out
 

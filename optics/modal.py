@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from optics.cells import LamellarStack, Metagrating
+from optics.cells import LamellarStack, Metagrating, as_stack, is_coherent
 from optics.command import check_range, table_arguments
 from optics.files import Stopwatch, run_stage, versions
 from optics.incidence import Floats, worst_polarisation
@@ -17,6 +17,7 @@ from optics.lamellar import Response as Response
 from optics.lamellar import prepare
 from optics.lamellar import solve as solve
 from optics.local import normal_response
+from optics.membranes import check_fringes
 from optics.narrow import FINER, are_there, enough_orders, refine_with_resonances
 from optics.normal import ATTRIBUTE
 from optics.outline import SLICES, polygons, read_grating, upright
@@ -33,6 +34,7 @@ _MARGIN = 3  # orders beyond those that run within the layers, to see whether th
 # The first rows in u and lines in v² are no further apart: narrower resonances may be missed.
 _FIRST_STEP = 0.0112
 _FEWEST_ROWS, _FEWEST_LINES = 17, 6
+_MOST_INDICES = 2
 _OWN = 4  # quantities of the cell's own polarisation, which the directions are chosen for
 
 
@@ -64,7 +66,10 @@ def _error_in_any(differences: Floats) -> Floats:
 def window_curves(cell: Metagrating | LamellarStack, u_max: float, v_max: float) -> Curves:
     """Cut-offs within the window, of both half-spaces."""
     # Where a half-space carries no waves at the largest v its cut-offs close within the table: left to refinement.
-    indices = tuple(n for n in (cell.surroundings.front, cell.surroundings.back) if n > v_max)
+    thick = {layer.index.n for layer in as_stack(cell).layers if not layer.coherent}
+    around = {cell.surroundings.front, cell.surroundings.back}
+    # Orders appear in thick layers as in half-spaces. A table holds cut-offs of two indices.
+    indices = tuple(n for n in (around | thick if len(around | thick) <= _MOST_INDICES else around) if n > v_max)
     return rayleigh_curves(cell.pitch, indices, -u_max, u_max, v_max)
 
 
@@ -111,6 +116,7 @@ def _guided(cell: Metagrating | LamellarStack, u_max: float) -> int:
 def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float) -> PressureTable:
     """Pressure table over |u| ≤ u_max, |v| ≤ v_max, its orders and directions chosen for an error near `tolerance`."""
     watch = Stopwatch()
+    check_fringes(cell, u_max, v_max, tolerance)
     order = choose_order(cell, np.linspace(-u_max, u_max, 24), v_max * np.array([0.0, 0.5, 1.0]), tolerance)
     order, refined = choose_nodes(cell, u_max, v_max, tolerance, order)
     found = refined.samples
@@ -126,7 +132,7 @@ def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, to
         "settings": {"u_max": u_max, "v_max": v_max, "tolerance": tolerance, "orders": order},
         "cutoffs": sorted(grazing),
         "energy_imbalance": float(np.abs(absorptance).max() if lossless else max(0.0, -absorptance.min())),
-        ATTRIBUTE: normal_response(cell, order).as_dict(),
+        **({ATTRIBUTE: normal_response(cell, order).as_dict()} if is_coherent(cell) else {}),
         "cpu_seconds": watch.cpu_seconds, "versions": versions("numpy", "scipy"),
     }
     table = PressureTable(

@@ -63,6 +63,11 @@ def table_response(table: PressureTable) -> NormalResponse:
     slope_error = error / ERROR_SCALE * ALLOWED
     slope_error[1, 1] = min(slope_error[1, 1], abs(float(table.absorptance(0.0, 0.0))))
     q_error = error * np.array([0.0 if table.axisymmetric else 1.0, 0.0, 1.0])
+    if table.film is not None:
+        # q_t = a k_t and q_n even in it: no samples, which may be far apart on the scale of fringes, are asked.
+        allowed = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
+        slopes = float(table.absorptance(0.0, 0.0)) * allowed
+        return NormalResponse(table.q(0.0, 0.0), slopes, q_error, error * allowed)
     if table.axisymmetric:
         slope = float(slope_matrix(table.u)[0] @ table.q_nodes[0, :, 0])
         kink = np.zeros((3, 2))

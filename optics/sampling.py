@@ -18,32 +18,43 @@ Response = Callable[[Floats], Floats]
 
 @dataclass(frozen=True)
 class Refined:
-    """Nodes (n,) chosen by `refine`, and the interpolation error (n, k) of each value found beside them."""
+    """Nodes (n,) chosen by `refine`, and the interpolation error (n, k) of each value found beside them.
+
+    missed_because: why it stopped before the tolerance was met; empty where it is met.
+    """
 
     nodes: Floats
     error: Floats
+    missed_because: str
 
 
 def refine(response: Response, start: Floats, tolerance: float, smallest: float, most: int = 600) -> Refined:
-    """Halve intervals until the table's own interpolation is good to `tolerance` at their midpoints.
+    """Halve intervals until the table's own interpolation is good to `tolerance` at three places in each.
 
     `response` maps points (n,) to values (n, k). Intervals are left alone once narrower than `smallest` (at a kink no
-    spacing is fine enough) or when `most` nodes are reached; the error that remains there is reported, not hidden.
+    spacing is fine enough) or when `most` nodes are reached; the error that remains there is reported, with the reason.
     """
     nodes = np.unique(start)
     values = response(nodes)
     while True:
-        middle = (nodes[1:] + nodes[:-1]) / 2
-        exact = response(middle)
-        guess = CubicHermiteSpline(nodes, values, slope_matrix(nodes) @ values)(middle)
-        error = np.abs(guess - exact)
+        error = np.max([_error(response, nodes, values, share) for share in (0.25, 0.5, 0.75)], axis=0)
         split = (error.max(axis=1) > tolerance) & (np.diff(nodes) > smallest)
-        if not split.any() or nodes.size + split.sum() > most:
-            none = np.zeros((1, error.shape[1]))
-            return Refined(nodes, np.maximum(np.concatenate([error, none]), np.concatenate([none, error])))
-        at = np.flatnonzero(split) + 1
-        values = np.insert(values, at, exact[split], axis=0)
-        nodes = np.insert(nodes, at, middle[split])
+        full = nodes.size + int(split.sum()) > most
+        if not split.any() or full:
+            break
+        at, middle = np.flatnonzero(split) + 1, ((nodes[1:] + nodes[:-1]) / 2)[split]
+        nodes, values = np.insert(nodes, at, middle), np.insert(values, at, response(middle), axis=0)
+    none = np.zeros((1, error.shape[1]))
+    beside = np.maximum(np.concatenate([error, none]), np.concatenate([none, error]))
+    reason = f"more than {most} nodes" if full else f"intervals narrower than {smallest:g}"
+    return Refined(nodes, beside, reason if error.max() > tolerance else "")
+
+
+def _error(response: Response, nodes: Floats, values: Floats, share: float) -> Floats:
+    """Error (n − 1, k) of the table at the same place in every interval."""
+    places = nodes[:-1] + share * np.diff(nodes)
+    guess = CubicHermiteSpline(nodes, values, slope_matrix(nodes) @ values)(places)
+    return np.asarray(np.abs(guess - response(places)))
 
 
 def chebyshev(low: float, high: float, count: int) -> Floats:

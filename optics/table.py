@@ -22,6 +22,8 @@ import numpy as np
 import xarray as xr
 
 from optics.files import InputError
+from optics.film_table import FIELDS as FIELDS_OF_FILM
+from optics.film_table import LOSSES, PRESSURE, Film, from_rows, with_film
 from optics.hdf5 import write_bytes
 from optics.interpolation import Floats, TableArrays, lookup_many, lookup_slopes_many, pack
 from optics.interpolation import lookup as lookup
@@ -34,6 +36,7 @@ SCHEMA = 2
 COMPONENTS = ("g", "r", "n")
 STOKES = ("1", "s1", "s2", "s3")
 FIELDS = ("re_s", "im_s", "re_p", "im_p", "a_s", "a_p")
+PROPERTIES = ("n", "k", "phase_depth", "coherent")
 # Under v → −v: q_g, q_n and the absorptance are even, q_r is odd; light of s2 and s3 becomes that of −s2 and −s3.
 PARITY = np.array([1.0, -1.0, 1.0, 1.0])
 STOKES_PARITY = np.array([1.0, 1.0, -1.0, -1.0])
@@ -85,7 +88,8 @@ class PressureTable:
     interpolated between them is the rest of it, to which the look-up adds the resonances at the direction asked for.
 
     Of films: amplitudes (6, n_u, 1), real and imaginary part of r_s, those of r_p, and the absorptance of s and of p
-    light; r as in `optics.thin_film.amplitudes`, with r_p = −r_s at normal incidence.
+    light; r as in `optics.thin_film.amplitudes`, with r_p = −r_s at normal incidence. film: the stack itself, where
+    samples would miss fringes or resonances; values are then those of the stack at every direction.
     """
 
     u: Floats
@@ -102,11 +106,12 @@ class PressureTable:
     error_stokes: Floats | None = None
     amplitudes: Floats | None = None
     resonances: Resonances | None = None
+    film: Film | None = None
 
     def __post_init__(self) -> None:
         self._check_axes()
         sizes = {"component": 3, "stokes": 4, "field": 6, "cutoff": len(self._curves)}
-        sizes |= {"u": self.u.size, "v": self.v.size}
+        sizes |= {"u": self.u.size, "v": self.v.size, "property": 4, "medium": self.film.index.size if self.film else 0}
         if self.resonances:
             self._check_resonances(self.resonances)
             sizes |= {"part": 2, "pole": self.resonances.count, "pole_v": self.resonances.v.size}
@@ -120,8 +125,8 @@ class PressureTable:
             if (error := getattr(self, name)) is not None and not np.all(error > 0):
                 raise InputError(f"{name} must be greater than 0 everywhere")
         partly = self.q_stokes is None, self.absorptance_stokes is None
-        if self.amplitudes is not None and not self.axisymmetric:
-            raise InputError("amplitudes: only an axisymmetric table, that of a film, may hold them")
+        if (self.amplitudes is not None or self.film) and not self.axisymmetric:
+            raise InputError("amplitudes, film: only an axisymmetric table, that of a film, may hold them")
         curves = self.cutoffs
         if len({*partly, *((curves.q_stokes is None, curves.absorptance_stokes is None) if curves else ())}) > 1:
             raise InputError("q_stokes and absorptance_stokes, also on the cut-offs, must be given together")
@@ -187,6 +192,10 @@ class PressureTable:
             "error_stokes": (("u", "v"), self.error_stokes, "estimated absolute error of q in any polarisation"),
             "amplitude": (("field", "u", "v"), self.amplitudes, "reflected field and absorbed share of s and p light"),
         }
+        if self.film:
+            rows, share = self.film.as_rows(), np.array(self.film.share)
+            found["film"] = ("medium", "property"), rows, "the stack that values between nodes follow from"
+            found["film_p_share"] = (), share, "part of the light that is polarised p"
         if c := self.cutoffs:
             found |= {
                 "cutoff_order": (("cutoff",), c.curves.order, "order m that grazes at u = sign √(index² − v²) − shift"),
@@ -232,7 +241,8 @@ class PressureTable:
             found = self.resonances.take(slice(_OWN, None) if stokes else slice(0, _OWN))
             values = without(values, self._curves, found)
         layout = lay_out(self._curves, values.u[0], values.u[-1], values.v)
-        return pack(layout, values, make_patches(layout, values), self.axisymmetric, nearest, found)
+        arrays = pack(layout, values, make_patches(layout, values), self.axisymmetric, nearest, found)
+        return with_film(arrays, self.film, PRESSURE) if self.film and not nearest else arrays
 
     def amplitude_arrays(self) -> tuple[TableArrays, TableArrays]:
         """A film's amplitudes for compiled kernels, to be looked up at u = the sine and v = 0.
@@ -240,12 +250,17 @@ class PressureTable:
         The first gives Re r_s, Im r_s, Re r_p, Im r_p, the second a_s, a_p, 0, 0. InputError where there are none.
         """
         if self.amplitudes is None:
-            raise InputError(f"table '{self.name}' holds no amplitudes of s and p light: make it with optics.thin_film")
+            raise InputError(
+                f"table '{self.name}' holds no amplitudes of s and p light: make it with optics.thin_film, all layers "
+                "coherent"
+            )
         pairs = np.repeat(np.concatenate([self.amplitudes, np.zeros((2, self.u.size, 1))]), 2, axis=2)
         layout, packed = lay_out(no_curves(), self.u[0], self.u[-1], np.array([0.0, 1.0])), []
         for part in (pairs[:4], pairs[4:]):
             values = Values(self.u, np.array([0.0, 1.0]), part, np.empty((4, 0, 2)), None)
             packed.append(pack(layout, values, make_patches(layout, values), False, False))
+        if self.film:
+            return with_film(packed[0], self.film, FIELDS_OF_FILM), with_film(packed[1], self.film, LOSSES)
         return packed[0], packed[1]
 
     @cached_property
@@ -321,7 +336,8 @@ class PressureTable:
                 for name, (dims, array, text) in self._variables().items()
             },
             coords={"component": list(COMPONENTS)} | ({} if self.q_stokes is None else {"stokes": list(STOKES)})
-            | ({} if self.amplitudes is None else {"field": list(FIELDS)}),
+            | ({} if self.amplitudes is None else {"field": list(FIELDS)})
+            | ({"property": list(PROPERTIES)} if self.film else {}),
             attrs={
                 "schema": SCHEMA, "mirror_v": int(self.mirror_v), "axisymmetric": int(self.axisymmetric),
                 "digest": self.digest, **{key: _encode(value) for key, value in self.attrs.items()},
@@ -388,9 +404,10 @@ class PressureTable:
         resonances = None
         if any(str(name).startswith("pole_") for name in data.variables):
             resonances = _resonances(*numbers("pole_v", "pole_u", *_POLE_HEIGHTS))
+        film = from_rows(numbers("film")[0], float(data["film_p_share"])) if "film" in data else None
         return cls(
             u, v, q, absorptance, error, mirror_v, axisymmetric, attrs, cutoffs, stokes[0], stokes[1], worst,
-            amplitudes, resonances,
+            amplitudes, resonances, film,
         )
 
 

@@ -175,11 +175,6 @@ def test_what_does_not_exist_is_refused(arguments, message):
         stack(*arguments)
 
 
-def test_the_momentum_taken_by_an_endless_absorber_is_not_guessed():
-    with pytest.raises(ValueError, match="thick layer"):
-        momentum([1, 2, 1.5 + 0.1j], [1.0], 1.0, 0.1, 0.2)
-
-
 @pytest.mark.parametrize("from_back", [False, True])
 def test_a_film_has_no_preferred_direction_in_its_plane(from_back):
     """Turning the light about n turns the force with it."""
