@@ -7,14 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optics.cells import Surroundings
 from optics.fdtd_efficiencies import Efficiencies, efficiencies
-from optics.fdtd_grid import FdtdSettings, periods, pixels
-from optics.fdtd_run import Decay, grazing
+from optics.fdtd_grid import FdtdSettings, periods, rungs
+from optics.fdtd_material import weakly_absorbing
+from optics.fdtd_orders import grazing, least_in_window
+from optics.fdtd_run import Decay
 from optics.files import InputError, Stopwatch
 from optics.incidence import Floats, wave_vector
 from optics.momentum import pressure
-from optics.outline import Grating, polygons
+from optics.outline import Grating
 
 # No direction is better than this, whatever two resolutions say: what absorbers and the rest of the pulse leave.
 _ERROR_FLOOR = 2e-4
@@ -33,9 +34,8 @@ class DirectionResult:
     """One direction solved.
 
     q (3,) in (g, r, n); absorptance; error: estimated absolute error of q, not below `stress`; energy_imbalance:
-    1 − R − T of the finest run (minus what the material absorbs, if that was solved for); stress: largest difference of
-    q_g and q_n from those by Maxwell's stress; residual: relative change of the fields that was still to come
-    when the run was stopped; capped: it was stopped by the longest time allowed; seconds: CPU time; resolutions: pixels
+    1 − R − T of the finest run, less what its fields lose; stress: largest difference of q_g and q_n from those by
+    Maxwell's stress; residual: relative change of the fields that was still to come when the run was stopped; capped: it was stopped by the longest time allowed; seconds: CPU time; resolutions: pixels
     per wavelength in the densest material; grazing: smallest |w| of any order.
     """
 
@@ -53,16 +53,13 @@ class DirectionResult:
 
 def check_cell(cell: Grating, u: float, v: float) -> None:
     """Refuse what this solver can't do."""
-    if cell.surroundings != Surroundings():
-        raise InputError(f"{cell.name}: surroundings = {cell.surroundings}: FDTD takes vacuum (1.0) on both sides")
-    for _, epsilon in polygons(cell):
-        if epsilon.real < 1:
-            raise InputError(
-                f"{cell.name}: index: permittivity {epsilon:.4g}: FDTD at one frequency is stable for a real part of 1 "
-                "or more; take optics.modal for metals"
-            )
-    if not u**2 + v**2 < 1:
-        raise InputError(f"{cell.name}: direction u = {u:g}, v = {v:g} is evanescent: u² + v² must be below 1")
+    front = cell.surroundings.front
+    if front < 1:
+        raise InputError(f"{cell.name}: surroundings.front = {front:g}: must be at least 1 for FDTD; take optics.modal")
+    if not u**2 + v**2 < front**2:
+        raise InputError(
+            f"{cell.name}: direction u = {u:g}, v = {v:g} is evanescent: u² + v² must be below {front**2:g}"
+        )
 
 
 def check_grazing(cell: Grating, u: float, v: float) -> None:
@@ -76,35 +73,26 @@ def check_grazing(cell: Grating, u: float, v: float) -> None:
 
 
 def check_window(cell: Grating, u: Floats, v: Floats) -> None:
-    """Refuse a table over u (n_u) × v (n_v ≥ 0) that reaches directions this solver can't do, at its nodes or between.
-
-    Over the range the squares of an order's u_m and of v, and so its w_m², take all values between two ends.
-    """
-    reach, v_max = float(np.abs(u).max()), float(v[-1])
-    check_cell(cell, reach, v_max)
-    most = int(np.ceil(2 / cell.pitch))
-    ends = np.array([u[0], u[-1]])[:, None] + cell.pitch * np.arange(-most, most + 1)
-    least = np.where(ends[0] * ends[1] <= 0, 0.0, np.abs(ends).min(axis=0))
-    high, low = 1 - least**2, 1 - np.abs(ends).max(axis=0) ** 2 - v_max**2
-    smallest = np.where(high * low <= 0, 0.0, np.sqrt(np.minimum(np.abs(high), np.abs(low))))
-    if smallest.min() < _GRAZING:
+    """Refuse a table over u (n_u) × v (n_v ≥ 0) that reaches directions this solver can't do, at its nodes or between."""
+    check_cell(cell, float(np.abs(u).max()), float(v[-1]))
+    smallest = least_in_window(cell, u, float(v[-1]))
+    if smallest < _GRAZING:
         raise InputError(
-            f"{cell.name}: u = {u[0]:g} … {u[-1]:g}, |v| ≤ {v_max:g}: there are directions where a diffraction order "
-            f"grazes, |w| down to {smallest.min():.2g}: must be at least {_GRAZING:g}; take a smaller range, or use "
+            f"{cell.name}: u = {u[0]:g} … {u[-1]:g}, |v| ≤ {v[-1]:g}: there are directions where a diffraction order "
+            f"grazes, |w| down to {smallest:.2g}: must be at least {_GRAZING:g}; take a smaller range, or use "
             "optics.modal"
         )
 
 
-def values(u: float, v: float, result: Efficiencies) -> tuple[Floats, float]:
-    """[q_g, q_n, absorptance, and q_g, q_n from the stress] (5,) and 1 − R − T.
+def values(cell: Grating, u: float, v: float, result: Efficiencies) -> Floats:
+    """[q_g, q_n, absorptance, and q_g, q_n from the stress] (5,).
 
     The absorptance of weak absorption comes from the field energy.
     """
-    w = wave_vector(u, v)[2]
-    q, lost = pressure(u, v, w, result.u_m, result.w_m, result.w_m, result.reflected, result.transmitted)
-    weak = np.isfinite(result.absorptance)
-    absorptance = result.absorptance if weak else float(lost)
-    return np.array([q[0], q[2], absorptance, *result.stress]), float(lost) if weak else 0.0
+    w = wave_vector(u, v, cell.surroundings.front)[2]
+    q, lost = pressure(u, v, w, *result.orders, result.reflected, result.transmitted)
+    absorptance = result.absorptance if weakly_absorbing(cell) else float(lost)
+    return np.array([q[0], q[2], absorptance, *result.stress])
 
 
 def solve_direction(cell: Grating, u: float, v: float, settings: FdtdSettings) -> DirectionResult:
@@ -115,12 +103,12 @@ def solve_direction(cell: Grating, u: float, v: float, settings: FdtdSettings) -
     watch = Stopwatch()
     done: list[tuple[int, Floats]] = []
     decay = Decay(0.0, False)
-    for resolution in settings.pixels_per_wavelength:
-        result = efficiencies(cell, u, v, resolution, settings, thicker)
+    for n_x in rungs(cell, settings):
+        result = efficiencies(cell, u, v, n_x, settings, thicker)
         decay = decay.worse(result.decay)
         _refuse_ringing(cell, u, v, result.decay, settings)
-        found, imbalance = values(u, v, result)
-        done.append((pixels(cell, resolution), found))
+        done.append((n_x, values(cell, u, v, result)))
+        _refuse_nan(cell, u, v, *done[-1])
         if len(done) < min(3, len(settings.pixels_per_wavelength)):
             continue
         best, error = estimate(done, periods(cell))
@@ -130,10 +118,19 @@ def solve_direction(cell: Grating, u: float, v: float, settings: FdtdSettings) -
             break
     return DirectionResult(
         q=np.array([best[0], v * best[2], best[1]]), absorptance=float(best[2]), error=error,
-        energy_imbalance=imbalance, stress=stress, residual=decay.residual,
+        energy_imbalance=result.imbalance, stress=stress, residual=decay.residual,
         capped=decay.capped, seconds=watch.cpu_seconds, resolutions=tuple(n / periods(cell) for n, _ in done),
         grazing=grazing(cell, u, v),
     )
+
+
+def _refuse_nan(cell: Grating, u: float, v: float, n_x: int, found: Floats) -> None:
+    """InputError where a run gave no number: one would be missed by every comparison that follows."""
+    if not np.all(np.isfinite(found)):
+        raise InputError(
+            f"{cell.name} at u = {u:g}, v = {v:g}: FDTD with {n_x} pixels a period gave {found}, not numbers; lower "
+            "'courant', or use optics.modal"
+        )
 
 
 def _refuse_ringing(cell: Grating, u: float, v: float, decay: Decay, settings: FdtdSettings) -> None:
