@@ -19,20 +19,23 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from dynamics import scene as scenes
-from dynamics.command import stage_arguments
+from dynamics.command import finish, stage_arguments
 from dynamics.derivatives import COLUMNS, ROWS, error_modes, imbalance, linearise
 from dynamics.linear import RESOLUTION, LinearModel, growth, margin
 from dynamics.rigid_body import rigid_body
 from dynamics.sail import load_tables, provenance, require_own_polarisation
+from dynamics.table_error import missed, said_missed
 from optics.files import InputError, run_stage, versions, write_json
+from optics.normal import table_response
 from optics.table import PressureTable
 
 Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+Complexes = NDArray[np.complexfloating]
 
 SAMPLES = 128
 SLOWEST = 1000.0  # units of time in a turn: a sail moves through hundreds of oscillations, or grows beyond all numbers
 DEFECTIVE = 1e7  # condition of the eigenvectors beyond which two of them are one, within rounding
+BETTER = (0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4)  # shares of the tables' errors with which a verdict is tried
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,34 @@ class Stability:
         return "marginally_stable" if calm else "undecided"
 
 
+@dataclass(frozen=True)
+class Doubt:
+    """Why a verdict is undecided. share: of the tables' errors with which it would be decided, None if none helps."""
+
+    share: float | None
+
+    def text(self, tables: dict[str, PressureTable]) -> str:
+        """Cause and cure. Costs of a table are taken to grow as the inverse of its tolerance, as they do about."""
+        if self.share is None:
+            return "on the very edge of stability: no better table decides"
+        known = [table for table in tables.values() if "settings" in table.attrs and "cpu_seconds" in table.attrs]
+        if not known:
+            return f"table errors; tables with {self.share:g} of their errors would decide"
+        tolerance = self.share * min(float(table.attrs["settings"]["tolerance"]) for table in known)
+        seconds = sum(float(table.attrs["cpu_seconds"]) for table in known) / self.share
+        return f"table errors; --tolerance {tolerance:.1g} would decide, about {seconds:.2g} s"
+
+
+def doubt(stability: Stability, modes: list[tuple[Floats, float]]) -> Doubt | None:
+    """Why the verdict on a model with those errors is undecided; None where it is not."""
+    if stability.verdict != "undecided":
+        return None
+    for share in BETTER:
+        if assess(stability.model, [(share * one, share * other) for one, other in modes]).verdict != "undecided":
+            return Doubt(share)
+    return Doubt(None)
+
+
 def distance(a: Complexes, b: Complexes) -> float:
     """Largest distance between two sets of numbers (n,), paired off so that the sum of distances is least."""
     gaps = np.abs(a[:, None] - b[None, :])
@@ -108,7 +139,7 @@ def analyse(scene: scenes.Scene, tables: dict[str, PressureTable]) -> Stability:
     if scene.beam.intensity_W_m2 == 0.0:
         raise InputError(f"{scene.name}.yaml: beam.intensity_W_m2 = 0: must be above 0 for a stability analysis")
     require_own_polarisation(scene, "a stability analysis")
-    body = rigid_body(scene, tables, lookup="smooth")
+    body = rigid_body(scene, tables, lookup="smooth", quadrature=None)
     share = imbalance(scene, tables, body)
     if share > 1e-6:
         raise InputError(
@@ -164,13 +195,26 @@ def _within_errors(model: LinearModel, modes: list[tuple[Floats, float]]) -> Lin
     return replace(model, jacobian=jacobian, thrust=model.thrust + share @ np.array([mode[1] for mode in modes]))
 
 
+def table_errors(tables: dict[str, PressureTable]) -> dict[str, Any]:
+    """Of each design the errors of q and its slopes at normal incidence, and whether its table met its tolerance."""
+    found = {name: (table_response(table), table.attrs.get("tolerance_met")) for name, table in tables.items()}
+    return {
+        name: {
+            "q_error": float(response.q_error.max()), "gradient_error": float(response.gradient_error.max()),
+            "tolerance_met": met,
+        }
+        for name, (response, met) in found.items()
+    }
+
+
 def report(scene: scenes.Scene, tables: dict[str, PressureTable], stability: Stability) -> dict[str, Any]:
     """The outcome as JSON: complex numbers as [re, im], derivatives in SI."""
     spins = stability.model.spin != 0.0
-    units = rigid_body(scene, tables).units
+    units = rigid_body(scene, tables, quadrature=None).units
     rows = np.array([units.force] * 2 + [units.torque] * 2)
     jacobian = stability.model.jacobian * rows[:, None] / np.array([units.length, units.length, 1.0, 1.0])
     exponents = eigenvalues(stability.model.corotating()) / units.time
+    why = doubt(stability, error_modes(scene, tables, rigid_body(scene, tables, lookup="smooth")))
     routes = {"monodromy": stability.monodromy, "corotating": stability.corotating}
     return {
         "scene": scene.name, "incidence": scene.incidence, "spin_Hz": scene.release.spin_Hz,
@@ -178,7 +222,9 @@ def report(scene: scenes.Scene, tables: dict[str, PressureTable], stability: Sta
         "max_modulus": stability.max_modulus if spins else None,
         "exponents_1_s": None if spins else pairs(exponents),
         "tolerance": stability.tolerance, "verdict": stability.verdict,
+        "undecided_because": why.text(tables) if why else "",
         "margin_1_s": stability.margin, "margin_range_1_s": list(stability.margin_range),
+        "table_errors": table_errors(tables), "tables_missed": list(missed(tables)),
         "resolution": RESOLUTION, "spread_from_table_errors": stability.spread,
         "eigenvector_condition": stability.condition,
         "routes": {key: None if values is None or not spins else pairs(values) for key, values in routes.items()},
@@ -203,11 +249,16 @@ def main() -> None:
     scene = scenes.read_scene(arguments.scene)
     tables = load_tables(arguments.tables, scene)
     stability = analyse(scene, tables)
-    write_json(arguments.out, report(scene, tables, stability))
+    found = report(scene, tables, stability)
+    write_json(arguments.out, found)
     low, high = stability.margin_range
-    print(
-        f"{scene.name}: {stability.verdict}, largest |λ| = {stability.max_modulus:.6f} ± {stability.spread:.1g}, "
-        f"margin {stability.margin:.3g} 1/s ({low:.3g} … {high:.3g})"
+    why = f" ({found['undecided_because']})" if found["undecided_because"] else ""
+    worst = max((one["q_error"] for one in found["table_errors"].values()), default=0.0)
+    finish(
+        arguments.out, arguments.watch,
+        f"{stability.verdict}{why}, largest |λ| = {stability.max_modulus:.6f} ± {stability.spread:.1g}, "
+        f"margin {stability.margin:.3g} 1/s ({low:.3g} … {high:.3g})",
+        [f"tables err by at most {worst:.2g} at normal incidence{said_missed(tables)}"] if tables else [],
     )
 
 

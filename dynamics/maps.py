@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from dynamics import scene as scenes
 from dynamics.attitude import rotation_from_angles
-from dynamics.command import stage_arguments
+from dynamics.command import finish, stage_arguments
 from dynamics.kernels.rigid import INSIDE
 from dynamics.rigid_body import RigidBody, rigid_body
 from dynamics.sail import load_tables, provenance
+from dynamics.table_error import TableErrors, rigid_errors
 from optics.files import InputError, run_stage, versions
 from optics.hdf5 import new_hdf5
 from optics.table import PressureTable
@@ -77,16 +78,27 @@ def equilibria(shift: Floats, force: Floats) -> Floats:
     return np.asarray(shift[down] + share * (shift[down + 1] - shift[down]))
 
 
-def write(path: str | Path, maps: Maps, scene: scenes.Scene, tables: dict[str, PressureTable]) -> None:
-    """Write the maps as HDF5, atomically: one dataset a quantity, its unit an attribute; the scene as JSON."""
+def map_errors(tilt: Floats, scene: scenes.Scene, tables: dict[str, PressureTable]) -> TableErrors:
+    """What the tables' stated errors come to on a sail at the beam's centre, pitched and rolled by tilt (m,) in rad."""
+    turns = np.array([turn for t in tilt for turn in (rotation_from_angles(t, 0, 0), rotation_from_angles(0, t, 0))])
+    return rigid_errors(scene, tables, np.zeros((len(turns), 3)), turns)
+
+
+def write(path: str | Path, maps: Maps, scene: scenes.Scene, tables: dict[str, PressureTable]) -> TableErrors:
+    """Write the maps as HDF5, atomically: one dataset a quantity, its unit an attribute; the scene as JSON.
+
+    Returns what the tables' stated errors come to, which the file says too.
+    """
+    met = map_errors(maps.tilt, scene, tables)
     unit = {"shift": "D", "tilt": "rad", "F_x": "I₀D²/c", "F_y": "I₀D²/c", "tau_x": "I₀D³/c", "tau_y": "I₀D³/c"}
     with new_hdf5(path) as file:
         for name, values in vars(maps).items():
             file.create_dataset(name, data=values).attrs["units"] = unit[name]
         file.attrs.update({
             "scene": scene.model_dump_json(), "tables": json.dumps(provenance(tables)),
-            "versions": json.dumps(versions("numpy", "numba")),
+            "versions": json.dumps(versions("numpy", "numba")), **met.attributes(),
         })
+    return met
 
 
 def main() -> None:
@@ -94,7 +106,11 @@ def main() -> None:
     arguments = stage_arguments("dynamics.maps", main.__doc__, "HDF5 file to write")
     scene = scenes.read_scene(arguments.scene)
     tables = load_tables(arguments.tables, scene)
-    write(arguments.out, make_maps(scene, tables), scene, tables)
+    maps = make_maps(scene, tables)
+    met = write(arguments.out, maps, scene, tables)
+    outside = int(np.isnan(maps.F_x).sum() + np.isnan(maps.F_y).sum())
+    places = maps.F_x.size + maps.F_y.size
+    finish(arguments.out, arguments.watch, f"{places} places of force, {outside} outside a table", [met.text])
 
 
 if __name__ == "__main__":

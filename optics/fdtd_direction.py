@@ -76,7 +76,7 @@ def check_grazing(cell: Grating, u: float, v: float) -> None:
 
 
 def check_window(cell: Grating, u: Floats, v: Floats) -> None:
-    """Refuse a table over u (n_u) × v (n_v ≥ 0) that reaches directions this solver can't do, at its nodes or between."""
+    """Refuse a table over u (n_u) × v (n_v ≥ 0) with directions this solver can't do, at its nodes or between."""
     check_cell(cell, float(np.abs(u).max()), float(v[-1]))
     smallest = least_in_window(cell, u, float(v[-1]))
     if smallest < _GRAZING:

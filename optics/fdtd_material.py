@@ -34,11 +34,6 @@ _DEEP = 1e3  # periods: deeper than any grid
 Kernel = Callable[[Floats], Floats]
 
 
-def box(t: Floats) -> Floats:
-    """∫ from −∞ to t of the function that is 1 for |t| < ½."""
-    return np.clip(t + 0.5, 0, 1)
-
-
 def spline(t: Floats) -> Floats:
     """The quadratic B-spline: 0 beyond |t| = 3/2."""
     t = np.abs(t)
@@ -81,13 +76,12 @@ class Material:
     """A cross-section as rectangles on a grid, and the half-spaces.
 
     spans (n, 4): x₁, x₂, y₁, y₂ in µm, Meep's X and Y; epsilon, inverse (n,): what each adds to the grid's ε and 1/ε of
-    that below it; loss (n,): what it adds to the true Im ε; front, back: the grid's ε in the half-spaces.
+    that below it; front, back: the grid's ε in the half-spaces.
     """
 
     spans: Floats
     epsilon: Complexes
     inverse: Complexes
-    loss: Floats
     front: complex
     back: complex
     period: float
@@ -99,11 +93,6 @@ class Material:
         ends = [[(end + shift * self.period - x) / self.pixel for end in (x1, x2)] for shift in (-1, 0, 1)]
         width = np.sum([across(b) - across(a) for a, b in ends], axis=0)
         return width, along((y2 - y) / self.pixel) - along((y1 - y) / self.pixel)
-
-    def absorbing(self, x: Floats, y: Floats) -> Floats:
-        """Mean of Im ε (k, l) over the pixels at x (k), y (l)."""
-        width, height = self.weights(x, y, box, box)
-        return np.asarray((width * self.loss[:, None]).T @ height)
 
     def averages(self, x: Floats, y: Floats) -> Averages:
         """What the grid points at x (k), y (l) see, arrays (k, l)."""
@@ -132,10 +121,8 @@ def material(cell: Grating, grid: Layout, courant: float) -> Material:
     new, old, ends = (
         np.where(e == 1, e, on_grid(e, phase, courant)) for e in (inside, around, np.array([front, back]))
     )
-    return Material(
-        placed, new - old, 1 / new - 1 / old, (inside - around).imag, complex(ends[0]), complex(ends[1]), grid.period,
-        grid.pixel,
-    )
+    inverse = np.divide(1, new) - np.divide(1, old)
+    return Material(placed, new - old, inverse, complex(ends[0]), complex(ends[1]), grid.period, grid.pixel)
 
 
 def _rectangles(stack: LamellarStack, front: complex, back: complex) -> tuple[Floats, Complexes, Complexes]:

@@ -32,7 +32,7 @@ def _all_orders(cell: Grating, u: float, v: float) -> Orders:
 
 
 def leaving_orders(cell: Grating, u: float, v: float) -> Orders:
-    """The orders that leave on either side; the specular one is among them. In an absorbing half-space none gets far."""
+    """The orders that leave on either side, the specular one among them; in an absorbing half-space none gets far."""
     u_m, front, back = _all_orders(cell, u, v)
     if half_spaces(cell)[1].imag:
         back = 1j * np.abs(back)

@@ -18,6 +18,7 @@ from optics.lamellar import solve as solve
 from optics.local import normal_response
 from optics.normal import ATTRIBUTE
 from optics.outline import SLICES, polygons, read_grating, upright
+from optics.promise import finish, promised
 from optics.refinement import Refined, first_lines, refine, start
 from optics.strips import Curves, breaks, rayleigh_curves
 from optics.table import PARITY, STOKES_PARITY, Cutoffs, PressureTable
@@ -153,9 +154,10 @@ def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, to
         ATTRIBUTE: normal_response(cell, order).as_dict(),
         "cpu_seconds": watch.cpu_seconds, "versions": versions("numpy", "scipy"),
     }
-    return PressureTable(
+    table = PressureTable(
         found.u, found.v, q, absorptance, error, True, False, attrs, cutoffs, q_stokes, absorptance_stokes, error_stokes
     )
+    return promised(table, tolerance)
 
 
 def main() -> None:
@@ -165,7 +167,8 @@ def main() -> None:
     cell = upright(read_grating(arguments.cell, arguments.wavelength_nm), arguments.slices)
     check_range(cell.surroundings.front, arguments.u_max, arguments.v_max)
     with threadpool_limits(1):
-        make_table(cell, arguments.u_max, arguments.v_max, arguments.tolerance).write(arguments.out)
+        table = make_table(cell, arguments.u_max, arguments.v_max, arguments.tolerance)
+    finish(table, arguments.out, arguments.accept_missed)
 
 
 if __name__ == "__main__":

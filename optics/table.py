@@ -26,6 +26,7 @@ from optics.hdf5 import write_bytes
 from optics.interpolation import Floats, TableArrays, lookup_many, lookup_slopes_many, pack
 from optics.interpolation import lookup as lookup
 from optics.patches import Values, make_patches
+from optics.section import Section, cross_section
 from optics.strips import Curves, lay_out, no_curves
 
 SCHEMA = 2
@@ -147,6 +148,11 @@ class PressureTable:
         """Name of the cell the table belongs to."""
         return str(self.attrs.get("name", ""))
 
+    @cached_property
+    def section(self) -> Section | None:
+        """Cross-section of the cell the table was made for; None where the table does not hold the cell."""
+        return cross_section(self.attrs["cell"]) if "cell" in self.attrs else None
+
     def _variables(self) -> Variables:
         """Every number of the table, as it is named in a file: dims, array, long name."""
         found: dict[str, tuple[tuple[str, ...], Any, str]] = {
@@ -250,6 +256,27 @@ class PressureTable:
         out, shape = self._look_up(u, v)
         return out[:, 3].reshape(shape)
 
+    def nearest(self, u: Any, v: Any) -> tuple[Floats, Floats]:
+        """Directions u, v (broadcast), those outside the table brought to its edge; of a film along their azimuth."""
+        u, v = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
+        if self.axisymmetric:
+            shorter = np.minimum(1.0, self.u[-1] / np.maximum(np.hypot(u, v), 1e-300) * (1.0 - 1e-15))
+            return u * shorter, v * shorter
+        return np.clip(u, *self.u[[0, -1]]), np.clip(v, -self.v[-1] if self.mirror_v else self.v[0], self.v[-1])
+
+    def stated_error(self, u: Any, v: Any, polarised: bool = False) -> Floats:
+        """Stated error (...) of q at direction cosines u, v (broadcast), the largest of the nodes around.
+
+        That of the cell's own polarisation, or (`polarised`) of any, if the table knows it. Outside the table that of
+        its edge.
+        """
+        error = self.error_stokes if polarised and self.error_stokes is not None else self.error
+        u, v = self.nearest(u, v)
+        if self.axisymmetric:
+            u, v = np.hypot(u, v), np.zeros_like(u)
+        rows, lines = _around(self.u, u), _around(self.v, np.abs(v) if self.mirror_v else v)
+        return np.asarray(np.max([error[i, j] for i in rows for j in lines], axis=0))
+
     def gradient(self, u: Any, v: Any) -> Floats:
         """∂(q_g, q_r, q_n)/∂(u, v) (..., 3, 2) at direction cosines u, v of a table that is not axisymmetric."""
         if self.axisymmetric:
@@ -343,6 +370,12 @@ def _stack(q: Floats | None, absorptance: Floats | None) -> Floats:
     assert absorptance is not None
     both = np.concatenate([q, absorptance[:, None]], axis=1)
     return both.reshape(-1, *both.shape[2:])
+
+
+def _around(nodes: Floats, x: Floats) -> tuple[Any, Any]:
+    """Indices of the nodes left and right of x (...), both the same where there is but one."""
+    right = np.clip(np.searchsorted(nodes, x), min(1, nodes.size - 1), nodes.size - 1)
+    return np.maximum(right - 1, 0), right
 
 
 def _one_line(error: Exception) -> str:

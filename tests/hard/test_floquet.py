@@ -34,6 +34,7 @@ def test_defective_sail_is_undecided_though_no_multiplier_leaves_the_circle():
     model.jacobian[0, 3] = 0.5
     found = floquet.assess(model, [])
     assert found.verdict == "undecided"
+    assert floquet.doubt(found, []).text({}) == "on the very edge of stability: no better table decides"
     assert found.condition > 1e7
     assert abs(found.max_modulus - 1.0) < 1e-7
     assert np.abs(found.multipliers - np.exp(1j)).min() < 1e-7

@@ -167,6 +167,31 @@ def test_tables_with_large_errors_leave_the_verdict_open():
     assert stability.spread > 1e-3
 
 
+def _made(table, tolerance, seconds, error):
+    attrs = {"settings": {"tolerance": tolerance}, "cpu_seconds": seconds, "tolerance_met": 1}
+    return replace(table, error=np.full(table.error.shape, error), attrs=table.attrs | attrs)
+
+
+def test_an_undecided_verdict_names_cause_and_cure():
+    """The tolerance it names decides, when the errors of the tables are made that much smaller."""
+    vague = {name: _made(table, 0.1, 4.0, 0.3) for name, table in TABLES.items()}
+    found = floquet.report(FIG6, vague, floquet.analyse(FIG6, vague))
+    text = found["undecided_because"]
+    share = floquet.doubt(floquet.analyse(FIG6, vague), error_modes(FIG6, vague, rigid_body(FIG6, vague))).share
+    assert text == f"table errors; --tolerance {0.1 * share:.1g} would decide, about {8.0 / share:.2g} s"
+    better = {name: _made(table, 0.1 * share, 4.0, 0.3 * share) for name, table in TABLES.items()}
+    decided = floquet.report(FIG6, better, floquet.analyse(FIG6, better))
+    assert decided["verdict"] == "marginally_stable"
+    assert decided["undecided_because"] == ""
+    assert found["table_errors"]["mark1e_te"]["q_error"] == pytest.approx(0.3)
+
+
+def test_a_table_that_missed_its_tolerance_is_named():
+    te = TABLES["mark1e_te"]
+    missed = {**TABLES, "mark1e_te": replace(te, attrs=te.attrs | {"tolerance_met": 0})}
+    assert floquet.report(FIG6, missed, floquet.analyse(FIG6, missed))["tables_missed"] == ["mark1e_te"]
+
+
 def test_error_modes_are_what_a_wrong_table_changes():
     """Add an error to a table: the derivatives move by its mode."""
     te = TABLES["mark1e_te"]

@@ -17,6 +17,7 @@ import numpy as np
 from drawing import read_series, solver
 
 from optics.files import atomic, run_stage
+from optics.promise import read_promise
 from optics.table import PressureTable
 
 Row = tuple[str, str, str, str, str]
@@ -33,7 +34,11 @@ def table_rows(path: Path) -> Iterator[Row]:
     of = f"{path.parent.name}, {path.stem}"
     yield "table", of, "directions", f"{table.u.size} × {table.v.size}", ""
     yield "table", of, "error of q, median", _number(float(np.median(table.error))), ""
-    yield "table", of, "error of q, largest", _number(float(table.error.max())), ""
+    kept = read_promise(table)
+    yield "table", of, "error of q, at 99 % of the directions", _number(kept.error_99), ""
+    place = f"{_number(kept.largest)} at u = {kept.at[0]:.4g}, v = {kept.at[1]:.4g}"
+    yield "table", of, "error of q, largest", place, ""
+    yield "table", of, f"tolerance {kept.tolerance:g}", "met" if kept.met else f"MISSED ({kept.why})", ""
     for key, unit in (("energy_imbalance", ""), ("cpu_seconds", "s")):
         if key in table.attrs:
             yield "table", of, key.replace("_", " "), _number(float(table.attrs[key])), unit
@@ -53,6 +58,10 @@ def stability_rows(path: Path) -> Iterator[Row]:
     data = json.loads(path.read_text())
     of = f"{path.parent.name}, {solver(data)} tables"
     yield "stability", of, "verdict", data["verdict"].replace("_", " "), ""
+    if data["undecided_because"]:
+        yield "stability", of, "undecided because of", data["undecided_because"], ""
+    if data["tables_missed"]:
+        yield "stability", of, "tables that MISSED their tolerance", ", ".join(data["tables_missed"]), ""
     if data["max_modulus"] is None:
         rates = data["exponents_1_s"]
         yield "stability", of, "largest growth rate", _number(max(re for re, _ in rates)), "1/s"
@@ -69,8 +78,13 @@ def flight_rows(path: Path) -> Iterator[Row]:
     series = read_series(path)
     of = f"{path.parent.name}, {'rigid' if path.suffix == '.h5' else 'flexible'}"
     with h5py.File(path) as file:
-        reason = {**file.attrs, **(file["series"].attrs if "series" in file else {})}.get("end_reason", "")
-    yield "flight", of, "end reason", reason.decode() if isinstance(reason, bytes) else str(reason), ""
+        said = {**file.attrs, **(file["series"].attrs if "series" in file else {})}
+    yield "flight", of, "end reason", str(said["end_reason"]), ""
+    if said["table_error_design"]:
+        yield "flight", of, "largest table error on the way", _number(float(said["table_error_largest"])), ""
+        yield "flight", of, "force error over thrust, at most", _number(float(said["force_error_over_thrust"])), ""
+    if said["tables_missed"]:
+        yield "flight", of, "tables that MISSED their tolerance", str(said["tables_missed"]), ""
     yield "flight", of, "end", _number(series["time"][-1]), "s"
     yield "flight", of, "final position", ", ".join(_number(x) for x in series["position"][-1]), "m"
     yield "flight", of, "largest distance from the axis", _number(np.hypot(*series["position"][:, :2].T).max()), "m"

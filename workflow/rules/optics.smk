@@ -17,11 +17,13 @@ rule modal_table:
     resources:
         mem_mb=2000,
         runtime=30,
+        accept=accept_missed,
     priority: 100
     message:
         "Modal table of {wildcards.design}"
     shell:
-        "python -m optics.modal --cell {input.cell} --out {output} {params.grid} > {log} 2>&1"
+        "python -m optics.modal --cell {input.cell} --out {output} {params.grid} {resources.accept} > {log} 2>&1"
+        + keep_missed
 
 
 rule thin_film_table:
@@ -38,10 +40,12 @@ rule thin_film_table:
     resources:
         mem_mb=1000,
         runtime=10,
+        accept=accept_missed,
     message:
         "Table of the film {wildcards.design}"
     shell:
-        "python -m optics.thin_film --cell {input.cell} --out {output} > {log} 2>&1"
+        "python -m optics.thin_film --cell {input.cell} --out {output} {resources.accept} > {log} 2>&1"
+        + keep_missed
 
 
 # A checkpoint, so that what follows is decided by the directions it finds: the same ones again re-run no FDTD.
@@ -116,8 +120,10 @@ rule fdtd_table:
     resources:
         mem_mb=2000,
         runtime=10,
+        accept=accept_missed,
     message:
         "FDTD table of {wildcards.design}"
     shell:
         "python -m optics.fdtd --cell {input.cell} --nodes {input.nodes} --tolerance {params.tolerance}"
-        " --merge {input.parts} --out {output} > {log} 2>&1"
+        " --merge {input.parts} --out {output} {resources.accept} > {log} 2>&1"
+        + keep_missed
