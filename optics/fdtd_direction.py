@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +38,8 @@ class DirectionResult:
 
     q (3,) in (g, r, n); absorptance; error: estimated absolute error of q, not below `stress`; energy_imbalance:
     1 − R − T of the finest run, less what its fields lose; stress: largest difference of q_g and q_n from those by
-    Maxwell's stress; residual: relative change of the fields that was still to come when the run was stopped; capped: it was stopped by the longest time allowed; seconds: CPU time; resolutions: pixels
+    Maxwell's stress; residual: relative change of the fields that was still to come when the run was stopped; capped:
+    it was stopped by the longest time allowed; seconds: CPU time; resolutions: pixels
     per wavelength in the densest material; grazing: smallest |w| of any order.
     """
 
@@ -98,20 +99,26 @@ def values(cell: Grating, u: float, v: float, result: Efficiencies) -> Floats:
     return np.array([q[0], q[2], absorptance, *result.stress])
 
 
-def solve_direction(cell: Grating, u: float, v: float, settings: FdtdSettings) -> DirectionResult:
-    """Solve one direction with rising resolution until the error estimated meets the tolerance."""
+def solve_direction(
+    cell: Grating, u: float, v: float, settings: FdtdSettings, solved: Callable[[int], None] = lambda rung: None
+) -> DirectionResult:
+    """Solve one direction with rising resolution until the error estimated meets the tolerance.
+
+    `solved` is told the number of each resolution, from 0 on, once it is done.
+    """
     check_cell(cell, u, v)
     check_grazing(cell, u, v)
     thicker = float(np.clip(_STEEP / grazing(cell, u, v), 1.0, 2.0))
     watch, smooth = Stopwatch(), nearly_transparent(cell)
     done: list[tuple[int, Floats]] = []
     decay = Decay(0.0, False)
-    for n_x in rungs(cell, settings):
+    for rung, n_x in enumerate(rungs(cell, settings)):
         result = efficiencies(cell, u, v, n_x, settings, thicker)
         decay = decay.worse(result.decay)
         _refuse_ringing(cell, u, v, result.decay, settings)
         done.append((n_x, values(cell, u, v, result)))
         _refuse_nan(cell, u, v, *done[-1])
+        solved(rung)
         if len(done) < min(3, len(settings.pixels_per_wavelength)):
             continue
         best, error = estimate(done, periods(cell)) if smooth else cautious_estimate(done)
@@ -177,9 +184,8 @@ def cautious_estimate(done: Sequence[tuple[int, Floats]]) -> tuple[Floats, float
     best, correction = extrapolate(done[-2], done[-1])
     change = np.abs(best - extrapolate(done[-3], done[-2])[0]) if len(done) > 2 else correction
     steady = (before * after > 0) & (np.abs(after) < np.abs(before))
-    error = np.where(
-        steady, np.maximum(_FIRST_ORDER * change, correction), _UNSTEADY * np.maximum(np.abs(before), np.abs(after))
-    )
+    steps = _UNSTEADY * np.maximum(np.abs(before), np.abs(after))
+    error = np.where(steady, np.maximum(np.minimum(_FIRST_ORDER * change, steps), correction), steps)
     return np.where(steady, best, c), max(float(error[:2].max()), _ERROR_FLOOR)
 
 

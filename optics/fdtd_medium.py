@@ -47,7 +47,7 @@ class Media:
     def one(self, mean: complex, harmonic: complex, n_x: float = 0.0, n_y: float = 0.0) -> Any:
         """The medium of ε `harmonic` along the normal and `mean` across it."""
         both = (passive(np.asarray(e if self.absorb else e.real), self.step) for e in (mean, harmonic))
-        infinity, free, lossy = (tensor(*parts, n_x, n_y) for parts in zip(*both, strict=True))
+        infinity, free, lossy = (tensor(a, h, n_x, n_y) for a, h in zip(*both, strict=True))
         poles = [self._pole(strength, gamma) for strength, gamma in ((free, 0.0), (lossy, self.frequency))]
         across = (harmonic - mean).real * n_x * n_y if self.oblique else 0.0
         return self.mp.Medium(

@@ -144,12 +144,15 @@ class Run:
         return mp.Simulation(
             cell_size=mp.Vector3(self.width, grid.n_y * grid.pixel), resolution=1 / grid.pixel, dimensions=2,
             default_material=media.one(self.material.front, self.material.front),
-            geometry=[] if self.empty else geometry(media, self.material, self.seen, grid, self.rows),
+            geometry=[] if self.empty else self._geometry(media),
             extra_materials=media.examples(), sources=self._sources(), boundary_layers=[absorber],
             k_point=mp.Vector3(f * self.u, 0, f * self.v), kz_2d="complex", Courant=self.settings.courant,
             eps_averaging=False,  # `fdtd_material` does it
             ensure_periodicity=False,  # what lies behind the cell would come up again in the absorber in front of it
         )
+
+    def _geometry(self, media: Media) -> list[Any]:
+        return geometry(media, self.material, self.seen, self.grid, self.rows)
 
     def _sources(self) -> list[Any]:
         """Current sheet K = n × H of the wanted wave (Love's equivalence; Harrington, Time-Harmonic Fields, §3-5)."""
