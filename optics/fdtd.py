@@ -28,49 +28,73 @@ from optics.fdtd_adaptive import adapt
 from optics.fdtd_direction import check_window, solve_direction
 from optics.fdtd_grid import FdtdSettings
 from optics.fdtd_parts import Rows, block, merge, read_rows, write_rows
+from optics.fdtd_progress import Progress, check_memory, expected_directions, spread
 from optics.fdtd_run import import_meep
-from optics.files import InputError, progress, run_stage, validate
+from optics.files import InputError, run_stage, validate
 from optics.incidence import Floats
 from optics.outline import Grating, read_grating
+from optics.promise import finish
 
 
-def solve_rows(cell: Grating, directions: Floats, settings: FdtdSettings, path: Path, what: str = "FDTD") -> Rows:
+def solve_rows(
+    cell: Grating, directions: Floats, settings: FdtdSettings, path: Path, progress: Progress | None = None
+) -> Rows:
     """Rows of `path` with those of `directions` (n, 2) of u, v; what it lacks is solved, each row written at once."""
     rows = read_rows(path, cell, settings) if path.exists() else Rows.empty()
-    for u, v in progress(directions, f"{what} {cell.name}", unit="direction"):
-        if rows.find(u, v) is None:
-            rows = rows.added(u, v, solve_direction(cell, float(u), float(v), settings))
-            write_rows(path, cell, settings, rows)
+    for u, v in directions[spread(len(directions))].tolist():
+        if rows.find(u, v) is not None:
+            continue
+        if progress is None:
+            result = solve_direction(cell, u, v, settings)
+        else:
+            progress.begin(u, v)
+            result = solve_direction(cell, u, v, settings, progress.run)
+            progress.end()
+        rows = rows.added(u, v, result)
+        write_rows(path, cell, settings, rows)
     return rows
 
 
+def lacking(cell: Grating, directions: Floats, settings: FdtdSettings, path: Path) -> Floats:
+    """Those of `directions` (n, 2) that `path` does not hold."""
+    rows = read_rows(path, cell, settings) if path.exists() else Rows.empty()
+    return np.array([d for d in directions.tolist() if rows.find(*d) is None]).reshape(-1, 2)
+
+
 def solve_part(cell: Grating, directions: Floats, settings: FdtdSettings, path: Path, what: str = "FDTD") -> Rows:
-    """Like `solve_rows`; `path` ends with the rows of `directions` alone, in their order."""
-    rows = solve_rows(cell, directions, settings, path, what).selected(directions)
+    """Like `solve_rows`, with progress; `path` ends with the rows of `directions` alone, in their order."""
+    with Progress(cell, settings, lacking(cell, directions, settings, path), f"{what} {cell.name}") as progress:
+        rows = solve_rows(cell, directions, settings, path, progress).selected(directions)
     write_rows(path, cell, settings, rows)
     return rows
 
 
 def solve_adaptively(
     cell: Grating, u_max: float, v_max: float, settings: FdtdSettings, path: Path
-) -> tuple[Floats, Floats]:
-    """Nodes u, v chosen by what FDTD itself finds, the rows of all of them in `path` (see `adapt`)."""
+) -> tuple[Floats, Floats, float]:
+    """Nodes u, v chosen by what FDTD itself finds, the error between those in v; the rows of all of them in `path`."""
+    expected = lacking(cell, expected_directions(cell, u_max, v_max, settings.tolerance), settings, path)
+    with Progress(cell, settings, expected, f"FDTD {cell.name}") as progress:
 
-    def response(directions: Floats) -> Floats:
-        rows = solve_rows(cell, directions, settings, path).selected(directions)
-        return np.stack([rows.column("q_g"), rows.column("q_n")], axis=-1)
+        def response(directions: Floats) -> Floats:
+            rows = solve_rows(cell, directions, settings, path, progress).selected(directions)
+            return np.stack([rows.column("q_g"), rows.column("q_n")], axis=-1)
 
-    return adapt(response, u_max, v_max, settings.tolerance)
+        return adapt(response, u_max, v_max, settings.tolerance)
 
 
-def read_nodes(path: str, cell: Grating) -> tuple[Floats, Floats]:
-    """Nodes u (n_u), v (n_v) from a JSON file {'name', 'u', 'v'}; InputError says what is wrong with it."""
+def read_nodes(path: str, cell: Grating) -> tuple[Floats, Floats, float | None]:
+    """Nodes u (n_u), v (n_v) from a JSON file {'name', 'u', 'v'}, and the 'error' between them if it is known.
+
+    InputError says what is wrong with it.
+    """
     try:
         data: Any = json.loads(Path(path).read_text(encoding="utf-8"))
         u, v = np.array(data["u"], float), np.array(data["v"], float)
+        error = None if data.get("error") is None else float(data["error"])
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; make it with python -m optics.nodes") from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: must hold the lists 'u' and 'v' ({type(error).__name__}: {error})") from None
     if data.get("name", cell.name) != cell.name:
         raise InputError(f"{path}: name = {data['name']!r}: made for another cell than '{cell.name}'")
@@ -79,14 +103,16 @@ def read_nodes(path: str, cell: Grating) -> tuple[Floats, Floats]:
             raise InputError(f"{path}: {name}: must be a list of at least 2 ascending numbers")
     if v[0] != 0:
         raise InputError(f"{path}: v[0] = {v[0]:g}: must be 0 (v → −v is a mirror)")
-    return u, v
+    if error is not None and not (np.isfinite(error) and error >= 0):
+        raise InputError(f"{path}: error = {error:g}: must be at least 0")
+    return u, v, error
 
 
-def _checked_nodes(path: str, cell: Grating) -> tuple[Floats, Floats]:
+def _checked_nodes(path: str, cell: Grating) -> tuple[Floats, Floats, float | None]:
     """Nodes from a file, if their whole range can be solved: told before the first direction is."""
-    u, v = read_nodes(path, cell)
+    u, v, error = read_nodes(path, cell)
     check_window(cell, u, v)
-    return u, v
+    return u, v, error
 
 
 def _part(text: str) -> tuple[int, int]:
@@ -112,14 +138,17 @@ def _arguments() -> argparse.Namespace:
 def _table(cell: Grating, settings: FdtdSettings, arguments: argparse.Namespace, out: Path) -> None:
     """Solve everything and write the table; the rows are kept beside it until it is written."""
     rows = out.with_name(f"{out.name}.rows.h5")
+    nodes: tuple[Floats, Floats, float | None]
     if arguments.nodes:
         nodes = _checked_nodes(arguments.nodes, cell)
-        solve_part(cell, block(*nodes, 1, 1), settings, rows)
+        solve_part(cell, block(*nodes[:2], 1, 1), settings, rows)
     else:
         check_window(cell, arguments.u_max * np.array([-1.0, 1.0]), np.array([0.0, arguments.v_max]))
         nodes = solve_adaptively(cell, arguments.u_max, arguments.v_max, settings, rows)
-    merge(cell, settings, *nodes, [rows]).write(out)
+    table = merge(cell, settings, *nodes, [rows])
+    table.write(out)  # only then are the rows of no more use
     rows.unlink()
+    finish(table, out, arguments.accept_missed)
 
 
 def main() -> None:
@@ -128,20 +157,22 @@ def main() -> None:
     out = Path(arguments.out)
     cell = read_grating(arguments.cell, arguments.wavelength_nm)
     require_coherent(cell, "optics.fdtd")
-    check_range(1.0, arguments.u_max, arguments.v_max)
+    check_range(cell.surroundings.front, arguments.u_max, arguments.v_max)
     settings = validate({"tolerance": arguments.tolerance}, FdtdSettings, "command line")
     if (arguments.part or arguments.merge) and not arguments.nodes:
         raise InputError("--part and --merge need --nodes, the file of all directions; make it with optics.nodes")
     if arguments.merge:
-        merge(cell, settings, *read_nodes(arguments.nodes, cell), [Path(part) for part in arguments.merge]).write(out)
+        parts = [Path(part) for part in arguments.merge]
+        finish(merge(cell, settings, *read_nodes(arguments.nodes, cell), parts), out, arguments.accept_missed)
         return
     import_meep()
+    check_memory(cell, settings)
     with threadpool_limits(1):
         if not arguments.part:
             _table(cell, settings, arguments, out)
             return
         i, n = _part(arguments.part)
-        directions = block(*_checked_nodes(arguments.nodes, cell), i, n)
+        directions = block(*_checked_nodes(arguments.nodes, cell)[:2], i, n)
         solve_part(cell, directions, settings, out, f"part {i}/{n} of FDTD")
 
 

@@ -23,8 +23,10 @@ _WITNESSES = 5
 _LEFT = 0.25
 
 
-def adapt(response: Response, u_max: float, v_max: float, tolerance: float) -> tuple[Floats, Floats]:
+def adapt(response: Response, u_max: float, v_max: float, tolerance: float) -> tuple[Floats, Floats, float]:
     """Tensor nodes u (n_u), v (n_v ≥ 0) from which `fill` gives a response even in v to about `tolerance`.
+
+    And the error that was found between those in v.
 
     Each interval of u is halved until the spline through all nodes so far predicts the value found at its middle so
     well that, with that value among the nodes, `tolerance` is met, or until it is 1/64 of the first ones. Then nodes
@@ -33,9 +35,10 @@ def adapt(response: Response, u_max: float, v_max: float, tolerance: float) -> t
     """
     for count, more in pairwise(_V_COUNTS):
         u, values = _halve(response, u_max, even_nodes(v_max, count), tolerance)
-        if _v_error(response, u, values, even_nodes(v_max, count), even_nodes(v_max, more)) <= tolerance:
+        error = _v_error(response, u, values, even_nodes(v_max, count), even_nodes(v_max, more))
+        if error <= tolerance:
             break
-    return u, even_nodes(v_max, count)
+    return u, even_nodes(v_max, count), error
 
 
 def _at(response: Response, u: Floats, v: Floats) -> Floats:

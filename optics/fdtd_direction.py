@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from optics.cells import Surroundings
 from optics.fdtd_efficiencies import Efficiencies, efficiencies
-from optics.fdtd_grid import FdtdSettings, periods, pixels
-from optics.fdtd_run import Decay, grazing
+from optics.fdtd_grid import FdtdSettings, periods, rungs
+from optics.fdtd_material import nearly_transparent, weakly_absorbing
+from optics.fdtd_orders import grazing, least_in_window
+from optics.fdtd_run import Decay
 from optics.files import InputError, Stopwatch
 from optics.incidence import Floats, wave_vector
 from optics.momentum import pressure
-from optics.outline import Grating, polygons
+from optics.outline import Grating
 
 # No direction is better than this, whatever two resolutions say: what absorbers and the rest of the pulse leave.
 _ERROR_FLOOR = 2e-4
@@ -24,6 +25,9 @@ _GRAZING = 0.1
 _STEEP = 0.5
 # Covers each of 48 triples on the paper's TM cell, where errors fall slowest, by 16 % at least; 2 and 2.5 miss some.
 _FOURTH_ORDER = 3.0
+# What a second-order extrapolation misses of a first-order error, per change from the pair before (ratios of √2).
+_FIRST_ORDER = 2.5
+_UNSTEADY = 1.5
 # Extrapolation triples what is missing of either resolution (2 b − a for a ratio of √2).
 _RESIDUAL_SHARE = 3.0
 
@@ -33,9 +37,9 @@ class DirectionResult:
     """One direction solved.
 
     q (3,) in (g, r, n); absorptance; error: estimated absolute error of q, not below `stress`; energy_imbalance:
-    1 − R − T of the finest run (minus what the material absorbs, if that was solved for); stress: largest difference of
-    q_g and q_n from those by Maxwell's stress; residual: relative change of the fields that was still to come
-    when the run was stopped; capped: it was stopped by the longest time allowed; seconds: CPU time; resolutions: pixels
+    1 − R − T of the finest run, less what its fields lose; stress: largest difference of q_g and q_n from those by
+    Maxwell's stress; residual: relative change of the fields that was still to come when the run was stopped; capped:
+    it was stopped by the longest time allowed; seconds: CPU time; resolutions: pixels
     per wavelength in the densest material; grazing: smallest |w| of any order.
     """
 
@@ -53,16 +57,13 @@ class DirectionResult:
 
 def check_cell(cell: Grating, u: float, v: float) -> None:
     """Refuse what this solver can't do."""
-    if cell.surroundings != Surroundings():
-        raise InputError(f"{cell.name}: surroundings = {cell.surroundings}: FDTD takes vacuum (1.0) on both sides")
-    for _, epsilon in polygons(cell):
-        if epsilon.real < 1:
-            raise InputError(
-                f"{cell.name}: index: permittivity {epsilon:.4g}: FDTD at one frequency is stable for a real part of 1 "
-                "or more; take optics.modal for metals"
-            )
-    if not u**2 + v**2 < 1:
-        raise InputError(f"{cell.name}: direction u = {u:g}, v = {v:g} is evanescent: u² + v² must be below 1")
+    front = cell.surroundings.front
+    if front < 1:
+        raise InputError(f"{cell.name}: surroundings.front = {front:g}: must be at least 1 for FDTD; take optics.modal")
+    if not u**2 + v**2 < front**2:
+        raise InputError(
+            f"{cell.name}: direction u = {u:g}, v = {v:g} is evanescent: u² + v² must be below {front**2:g}"
+        )
 
 
 def check_grazing(cell: Grating, u: float, v: float) -> None:
@@ -76,64 +77,70 @@ def check_grazing(cell: Grating, u: float, v: float) -> None:
 
 
 def check_window(cell: Grating, u: Floats, v: Floats) -> None:
-    """Refuse a table over u (n_u) × v (n_v ≥ 0) that reaches directions this solver can't do, at its nodes or between.
-
-    Over the range the squares of an order's u_m and of v, and so its w_m², take all values between two ends.
-    """
-    reach, v_max = float(np.abs(u).max()), float(v[-1])
-    check_cell(cell, reach, v_max)
-    most = int(np.ceil(2 / cell.pitch))
-    ends = np.array([u[0], u[-1]])[:, None] + cell.pitch * np.arange(-most, most + 1)
-    least = np.where(ends[0] * ends[1] <= 0, 0.0, np.abs(ends).min(axis=0))
-    high, low = 1 - least**2, 1 - np.abs(ends).max(axis=0) ** 2 - v_max**2
-    smallest = np.where(high * low <= 0, 0.0, np.sqrt(np.minimum(np.abs(high), np.abs(low))))
-    if smallest.min() < _GRAZING:
+    """Refuse a table over u (n_u) × v (n_v ≥ 0) with directions this solver can't do, at its nodes or between."""
+    check_cell(cell, float(np.abs(u).max()), float(v[-1]))
+    smallest = least_in_window(cell, u, float(v[-1]))
+    if smallest < _GRAZING:
         raise InputError(
-            f"{cell.name}: u = {u[0]:g} … {u[-1]:g}, |v| ≤ {v_max:g}: there are directions where a diffraction order "
-            f"grazes, |w| down to {smallest.min():.2g}: must be at least {_GRAZING:g}; take a smaller range, or use "
+            f"{cell.name}: u = {u[0]:g} … {u[-1]:g}, |v| ≤ {v[-1]:g}: there are directions where a diffraction order "
+            f"grazes, |w| down to {smallest:.2g}: must be at least {_GRAZING:g}; take a smaller range, or use "
             "optics.modal"
         )
 
 
-def values(u: float, v: float, result: Efficiencies) -> tuple[Floats, float]:
-    """[q_g, q_n, absorptance, and q_g, q_n from the stress] (5,) and 1 − R − T.
+def values(cell: Grating, u: float, v: float, result: Efficiencies) -> Floats:
+    """[q_g, q_n, absorptance, and q_g, q_n from the stress] (5,).
 
     The absorptance of weak absorption comes from the field energy.
     """
-    w = wave_vector(u, v)[2]
-    q, lost = pressure(u, v, w, result.u_m, result.w_m, result.w_m, result.reflected, result.transmitted)
-    weak = np.isfinite(result.absorptance)
-    absorptance = result.absorptance if weak else float(lost)
-    return np.array([q[0], q[2], absorptance, *result.stress]), float(lost) if weak else 0.0
+    w = wave_vector(u, v, cell.surroundings.front)[2]
+    q, lost = pressure(u, v, w, *result.orders, result.reflected, result.transmitted)
+    absorptance = result.absorptance if weakly_absorbing(cell) else float(lost)
+    return np.array([q[0], q[2], absorptance, *result.stress])
 
 
-def solve_direction(cell: Grating, u: float, v: float, settings: FdtdSettings) -> DirectionResult:
-    """Solve one direction with rising resolution until the error estimated meets the tolerance."""
+def solve_direction(
+    cell: Grating, u: float, v: float, settings: FdtdSettings, solved: Callable[[int], None] = lambda rung: None
+) -> DirectionResult:
+    """Solve one direction with rising resolution until the error estimated meets the tolerance.
+
+    `solved` is told the number of each resolution, from 0 on, once it is done.
+    """
     check_cell(cell, u, v)
     check_grazing(cell, u, v)
     thicker = float(np.clip(_STEEP / grazing(cell, u, v), 1.0, 2.0))
-    watch = Stopwatch()
+    watch, smooth = Stopwatch(), nearly_transparent(cell)
     done: list[tuple[int, Floats]] = []
     decay = Decay(0.0, False)
-    for resolution in settings.pixels_per_wavelength:
-        result = efficiencies(cell, u, v, resolution, settings, thicker)
+    for rung, n_x in enumerate(rungs(cell, settings)):
+        result = efficiencies(cell, u, v, n_x, settings, thicker)
         decay = decay.worse(result.decay)
         _refuse_ringing(cell, u, v, result.decay, settings)
-        found, imbalance = values(u, v, result)
-        done.append((pixels(cell, resolution), found))
+        done.append((n_x, values(cell, u, v, result)))
+        _refuse_nan(cell, u, v, *done[-1])
+        solved(rung)
         if len(done) < min(3, len(settings.pixels_per_wavelength)):
             continue
-        best, error = estimate(done, periods(cell))
+        best, error = estimate(done, periods(cell)) if smooth else cautious_estimate(done)
         stress = float(np.abs(best[:2] - best[3:]).max())
         error = max(error, stress) + _RESIDUAL_SHARE * decay.residual
         if error <= settings.tolerance:
             break
     return DirectionResult(
         q=np.array([best[0], v * best[2], best[1]]), absorptance=float(best[2]), error=error,
-        energy_imbalance=imbalance, stress=stress, residual=decay.residual,
+        energy_imbalance=result.imbalance, stress=stress, residual=decay.residual,
         capped=decay.capped, seconds=watch.cpu_seconds, resolutions=tuple(n / periods(cell) for n, _ in done),
         grazing=grazing(cell, u, v),
     )
+
+
+def _refuse_nan(cell: Grating, u: float, v: float, n_x: int, found: Floats) -> None:
+    """InputError where a run gave no number: one would be missed by every comparison that follows."""
+    if not np.all(np.isfinite(found)):
+        raise InputError(
+            f"{cell.name} at u = {u:g}, v = {v:g}: FDTD with {n_x} pixels a period gave {found}, not numbers; lower "
+            "'courant', or use optics.modal"
+        )
 
 
 def _refuse_ringing(cell: Grating, u: float, v: float, decay: Decay, settings: FdtdSettings) -> None:
@@ -162,6 +169,24 @@ def estimate(done: Sequence[tuple[int, Floats]], waves: float) -> tuple[Floats, 
         left = _FOURTH_ORDER * (2 * np.pi * waves / done[-1][0]) ** 2
         error = min(error, max(change, left * error))
     return best, max(error, _ERROR_FLOOR)
+
+
+def cautious_estimate(done: Sequence[tuple[int, Floats]]) -> tuple[Floats, float]:
+    """Like `estimate`, for metals and strong absorbers, where errors need not fall with the square of the pixel.
+
+    At their edges fields are singular, and the faces' own waves come out at a pixel's size. Where three resolutions
+    approach a limit steadily, the extrapolated value is taken: if the order was one, not two, it misses 2.4 times the
+    change from the pair before, and its error is not less than its correction. Where they do not, the finest value is
+    taken as it is, with an error of `_UNSTEADY` times the largest of the two steps.
+    """
+    (_, a), (_, b), (_, c) = done[-3:] if len(done) > 2 else (done[0], *done)
+    before, after = b - a, c - b
+    best, correction = extrapolate(done[-2], done[-1])
+    change = np.abs(best - extrapolate(done[-3], done[-2])[0]) if len(done) > 2 else correction
+    steady = (before * after > 0) & (np.abs(after) < np.abs(before))
+    steps = _UNSTEADY * np.maximum(np.abs(before), np.abs(after))
+    error = np.where(steady, np.maximum(np.minimum(_FIRST_ORDER * change, steps), correction), steps)
+    return np.where(steady, best, c), max(float(error[:2].max()), _ERROR_FLOOR)
 
 
 def extrapolate(coarse: tuple[int, Floats], fine: tuple[int, Floats]) -> tuple[Floats, Floats]:

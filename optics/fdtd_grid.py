@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from optics.files import Positive, Strict
 from optics.outline import Grating, depth_nm, polygons
+
+_FEWEST = 8  # pixels a period
 
 
 class FdtdSettings(Strict):
     """How FDTD is run. Lengths in wavelengths, unless a name says otherwise; times in periods of the light.
 
-    `pixels_per_wavelength`, in the densest material, are tried in order until the error estimated is below `tolerance`.
+    `pixels_per_wavelength`, in the densest material, are tried in order until the error estimated is below `tolerance`;
+    see `rungs`.
     `symmetries` is refused: with forces or a Bloch vector this Meep gives wrong results.
     """
 
@@ -27,6 +31,12 @@ class FdtdSettings(Strict):
     decay: Positive = 3e-4
     longest: Positive = 600.0
     symmetries: None = None
+
+    @model_validator(mode="after")
+    def _ascending(self) -> FdtdSettings:
+        if any(b <= a for a, b in pairwise(self.pixels_per_wavelength)):
+            raise ValueError(f"pixels_per_wavelength = {self.pixels_per_wavelength}: must ascend")
+        return self
 
 
 @dataclass(frozen=True)
@@ -48,24 +58,41 @@ class Layout:
         return self.period / self.n_x
 
 
+def half_spaces(cell: Grating) -> tuple[complex, complex]:
+    """Permittivities in front of the cell and behind it."""
+    around = cell.surroundings
+    return complex(around.front) ** 2, complex(around.back, around.back_k) ** 2
+
+
 def periods(cell: Grating) -> float:
-    """Wavelengths in the densest material (vacuum where none is denser) that a period is long."""
-    densest = max([1.0, *(float(np.sqrt(epsilon).real) for _, epsilon in polygons(cell))])
-    return densest * cell.period_nm / cell.wavelength_nm
+    """Wavelengths in the densest material that a period is long; of a metal 2π skin depths, |√ε| in place of n."""
+    densest = max([1.0, *(abs(e) ** 0.5 for e in (*half_spaces(cell), *(e for _, e in polygons(cell))))])
+    return float(densest * cell.period_nm / cell.wavelength_nm)
 
 
 def pixels(cell: Grating, resolution: float) -> int:
     """Pixels a period at about `resolution` pixels per wavelength in the densest material."""
-    return max(8, round(resolution * periods(cell)))
+    return max(_FEWEST, round(resolution * periods(cell)))
 
 
-def layout(cell: Grating, resolution: float, settings: FdtdSettings, thicker: float = 1.0) -> Layout:
-    """The grid nearest to `resolution` (see `pixels`) on which the period is a whole number of pixels.
+def rungs(cell: Grating, settings: FdtdSettings) -> tuple[int, ...]:
+    """Pixels a period of each resolution: strictly ascending, so that any two of them tell an error.
+
+    A period must be a whole number of pixels, `_FEWEST` or more. One short against the wavelength starts there, and
+    goes on in the ratios of the settings.
+    """
+    waves, found = max(periods(cell), _FEWEST / settings.pixels_per_wavelength[0]), [0]
+    for resolution in settings.pixels_per_wavelength:
+        found.append(max(round(resolution * waves), found[-1] + 1))
+    return tuple(found[1:])
+
+
+def layout(cell: Grating, n_x: int, settings: FdtdSettings, thicker: float = 1.0) -> Layout:
+    """The grid of square pixels with `n_x` of them a period.
 
     The absorbers are `thicker` times as thick as the settings say.
     """
     period, wavelength = cell.period_nm / 1000, cell.wavelength_nm / 1000
-    n_x = pixels(cell, resolution)
     pixel = period / n_x
     absorber = max(6, round(thicker * settings.absorber * wavelength / pixel))
     padding = max(4, round(settings.padding * wavelength / pixel))

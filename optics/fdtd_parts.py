@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
+from scipy.interpolate import Akima1DInterpolator, BarycentricInterpolator
 
+from optics.fdtd_grid import FdtdSettings
 from optics.files import InputError, Strict, versions
 from optics.hdf5 import new_hdf5, read_hdf5
 from optics.incidence import Floats, cutoffs
 from optics.outline import Grating
+from optics.promise import promised
 from optics.sampling import fill
 from optics.table import PressureTable
 
@@ -139,11 +141,13 @@ def _dense(nodes: Floats, spacing: float) -> Floats:
 
 
 def merge(
-    cell: Grating, settings: Strict, u_nodes: Floats, v_nodes: Floats, parts: Sequence[Path]
+    cell: Grating, settings: FdtdSettings, u_nodes: Floats, v_nodes: Floats, between: float | None,
+    parts: Sequence[Path],
 ) -> PressureTable:
-    """The pressure table from part files that together hold all of u_nodes × v_nodes.
+    """The pressure table, with its promise, from part files that together hold all of u_nodes × v_nodes.
 
-    Its error is that of the nodes (the largest of those around) plus an estimate of the interpolation's.
+    Its error is that of the nodes (the largest of those around) plus the interpolation's: along u as the nodes show it,
+    and no less than `between`, what was found when they were chosen; where that is not known, what the nodes in v show.
     """
     everything = Rows(np.concatenate([read_rows(part, cell, settings).values for part in parts]))
     directions = np.stack(np.meshgrid(u_nodes, v_nodes, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -152,11 +156,39 @@ def merge(
     node_values = np.stack([rows.column(name).reshape(shape) for name in ("q_g", "q_n", "absorptance")], axis=-1)
     u, v = _dense(u_nodes, _U_SPACING), _dense(v_nodes, _V_SPACING)
     q_g, q_n, absorptance = np.moveaxis(fill(u_nodes, v_nodes, node_values, u, v), -1, 0)
-    between = _interpolation_error(u_nodes, node_values[..., :2], u)
-    error = _nearby(u_nodes, v_nodes, rows.column("error").reshape(shape), u, v) + _along_v(v_nodes, between, v)
+    known = _error_along_v(v_nodes, node_values[..., :2]) if between is None else between
+    interpolated = np.maximum(_along_v(v_nodes, _interpolation_error(u_nodes, node_values[..., :2], u), v), known)
+    error = _nearby(u_nodes, v_nodes, rows.column("error").reshape(shape), u, v) + interpolated
     q = np.stack([q_g, v * absorptance, q_n])
-    attrs = _attrs(cell, settings, rows, u_nodes, v_nodes)
-    return PressureTable(u, v, q, absorptance, error, mirror_v=True, attrs=attrs)
+    attrs = _attrs(cell, settings, rows, u_nodes, v_nodes) | {"interpolation_error": float(interpolated.max())}
+    table = PressureTable(u, v, q, absorptance, error, mirror_v=True, attrs=attrs)
+    return promised(table, settings.tolerance, _causes(settings, rows, interpolated))
+
+
+def _causes(settings: FdtdSettings, rows: Rows, interpolated: Floats) -> list[str]:
+    """What kept the error above the tolerance."""
+    errors, found = rows.column("error"), []
+    if (above := errors > settings.tolerance).any():
+        found.append(
+            f"slow convergence: {above.sum()} of {above.size} directions stand at {errors.max():.2g} with "
+            f"{rows.column('finest')[above].max():.3g} pixels per wavelength in the densest material"
+        )
+    if (capped := rows.column("capped") > 0).any():
+        found.append(f"{capped.sum()} directions still ring after {settings.longest:g} periods")
+    if interpolated.max() > settings.tolerance / 2:
+        found.append(f"directions too far apart: {interpolated.max():.2g} between them; make nodes for less")
+    return found
+
+
+def _error_along_v(v_nodes: Floats, values: Floats) -> float:
+    """How far each inner node (or of two the last) is from the polynomial in v² through all others of (n_u, n_v, k)."""
+    inner = range(1, v_nodes.size - 1) if v_nodes.size > 2 else [1]
+    missed = []
+    for i in inner:
+        others = np.delete(values, i, axis=1), np.delete(v_nodes, i)
+        guess = BarycentricInterpolator(others[1] ** 2, np.swapaxes(others[0], 0, 1), axis=0, rng=0)(v_nodes[i] ** 2)
+        missed.append(np.abs(guess - values[:, i]).max())
+    return float(max(missed))
 
 
 def _along_v(v_nodes: Floats, values: Floats, v: Floats) -> Floats:
@@ -170,13 +202,16 @@ def _nearby(u_nodes: Floats, v_nodes: Floats, error: Floats, u: Floats, v: Float
     return _along_v(v_nodes, _along_v(u_nodes, error.T, u).T, v)
 
 
-def _attrs(cell: Grating, settings: Strict, rows: Rows, u_nodes: Floats, v_nodes: Floats) -> dict[str, Any]:
+def _attrs(cell: Grating, settings: FdtdSettings, rows: Rows, u_nodes: Floats, v_nodes: Floats) -> dict[str, Any]:
     finest, counts = np.unique(rows.column("finest"), return_counts=True)
     return {
         "name": cell.name, "solver": "fdtd", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
         "settings": settings.model_dump(mode="json"), "nodes_u": u_nodes.tolist(), "nodes_v": v_nodes.tolist(),
         "directions_by_pixels_per_wavelength": {f"{key:.3g}": int(n) for key, n in zip(finest, counts, strict=True)},
-        "cutoffs": cutoffs(cell.pitch, float(np.abs(u_nodes).max())),
+        "cutoffs": sorted({
+            x for n in (cell.surroundings.front, cell.surroundings.back)
+            for x in cutoffs(cell.pitch, float(np.abs(u_nodes).max()), index=n)
+        }),
         "energy_imbalance": float(np.abs(rows.column("energy_imbalance")).max()),
         "stress_difference": float(rows.column("stress").max()), "capped": int(rows.column("capped").sum()),
         "residual": float(rows.column("residual").max()), "grazing": float(rows.column("grazing").min()),

@@ -28,10 +28,12 @@ from typing import Any
 import numpy as np
 
 from optics.fdtd_grid import FdtdSettings, Layout
-from optics.fdtd_material import material, weakly_absorbing
+from optics.fdtd_material import material, nearly_transparent, weakly_absorbing
+from optics.fdtd_medium import Media, dissipated, first_column, geometry, rows_of_material, sampled
+from optics.fdtd_orders import Orders, grazing, leaving_orders, steepness
 from optics.files import InputError
-from optics.incidence import Complexes, Floats, electric_vector, order_cosines, wave_vector
-from optics.outline import Grating, depth_nm
+from optics.incidence import Complexes, Floats, electric_vector, wave_vector
+from optics.outline import Grating
 
 HOW_TO_GET_MEEP = (
     "Meep is not installed: apt-get install python3-meep (Debian) or conda install -c conda-forge pymeep; "
@@ -84,19 +86,6 @@ def remaining(changes: list[float]) -> float:
     return float(changes[-1] * ratio / (1 - ratio)) if ratio < 1 else np.inf
 
 
-def propagating_orders(cell: Grating, u: float, v: float) -> tuple[Floats, Complexes]:
-    """u_m and w_m (n,) of the orders that leave the cell in vacuum, ascending; the specular one is among them."""
-    most = int(np.ceil(2 / cell.pitch))
-    u_m, w_m = order_cosines(u, v, cell.pitch, np.arange(-most, most + 1))
-    return u_m[w_m.real > 0], w_m[w_m.real > 0]
-
-
-def grazing(cell: Grating, u: float, v: float) -> float:
-    """Smallest |w| of the diffraction orders, propagating or evanescent."""
-    most = int(np.ceil(2 / cell.pitch))
-    return float(np.abs(order_cosines(u, v, cell.pitch, np.arange(-most, most + 1))[1]).min())
-
-
 def reflection(smallest: float) -> float:
     """Meep's `R_asymptotic`, the power sent back of a wave at right angles, for orders of |w| ≥ `smallest`.
 
@@ -107,9 +96,9 @@ def reflection(smallest: float) -> float:
 
 
 def pulse_width(smallest: float, settings: FdtdSettings) -> float:
-    """Width of the pulse as a share of its frequency, for orders of |w| ≥ `smallest`.
+    """Width of the pulse as a share of its frequency, for orders at cosines to the normal |w|/n ≥ `smallest`.
 
-    An order is cut off at a frequency lower by w²/2. There its waves leave the cell as slowly as one likes: a pulse
+    An order is cut off at a frequency lower by w²/2n². There its waves leave the cell as slowly as one likes: a pulse
     that holds them rings for long, so it is made narrow enough to hold 4 % of them, and lasts half of the longest time
     at most.
     """
@@ -117,7 +106,10 @@ def pulse_width(smallest: float, settings: FdtdSettings) -> float:
 
 
 class Run:
-    """A Meep simulation of the cell, or with `empty` of a strip of vacuum one pixel wide: the same to a plane wave."""
+    """A Meep simulation of the cell, or with `empty` of a strip one pixel wide of what is in front of it.
+
+    The second is the same to a plane wave.
+    """
 
     def __init__(
         self, cell: Grating, u: float, v: float, grid: Layout, settings: FdtdSettings, empty: bool = False
@@ -125,16 +117,17 @@ class Run:
         self.mp = import_meep()
         self.cell, self.u, self.v, self.grid, self.settings, self.empty = cell, u, v, grid, settings, empty
         self.frequency = 1000 / cell.wavelength_nm
-        self.smallest = grazing(cell, u, v)
-        self.pulse_width = pulse_width(self.smallest, settings)
+        self.front_index = cell.surroundings.front
+        self.pulse_width = pulse_width(steepness(cell, u, v), settings)
         self.n_x = 1 if empty else grid.n_x
         self.width = self.n_x * grid.pixel
-        self.bottom = round(grid.y_bottom / grid.pixel)
-        self.material = material(cell, grid, settings.courant)
-        u_m, w_m = propagating_orders(cell, u, v)
-        keep = np.isclose(u_m, u, atol=1e-12) if empty else np.ones(u_m.size, bool)
-        self.u_m, self.w_m = u_m[keep], w_m[keep]
+        self.rows = rows_of_material(cell, grid)
+        self.step = 2 * np.pi * self.frequency * settings.courant * grid.pixel
+        orders = leaving_orders(cell, u, v)
+        keep = np.isclose(orders.u, u, atol=1e-12) if empty else np.ones(orders.u.size, bool)
+        self.orders = Orders(*(part[keep] for part in orders))
         self.components = [self.mp.Ex, self.mp.Ez, self.mp.Hx, self.mp.Hz]
+        self.material = material(cell, grid, settings.courant)
         with contextlib.redirect_stderr(io.StringIO()):  # a note on odd numbers of pixels, which are meant
             self.simulation = self._simulation()
             self.lines = [self._monitor(self.components, y, 0.0) for y in (grid.y_front, grid.y_back)]
@@ -143,56 +136,28 @@ class Run:
     def _simulation(self) -> Any:
         mp, grid, f = self.mp, self.grid, self.frequency
         absorber = mp.PML(
-            grid.n_absorber * grid.pixel, direction=mp.Y, R_asymptotic=reflection(self.smallest),
+            grid.n_absorber * grid.pixel, direction=mp.Y, R_asymptotic=reflection(grazing(self.cell, self.u, self.v)),
             mean_stretch=2.0,  # without it slowly decaying near fields reach the end of the absorber, and grow there
         )
+        media = Media(mp, f, self.step, not weakly_absorbing(self.cell), nearly_transparent(self.cell))
+        self.seen = sampled(self.material, grid, self.rows)
         return mp.Simulation(
             cell_size=mp.Vector3(self.width, grid.n_y * grid.pixel), resolution=1 / grid.pixel, dimensions=2,
-            geometry=[] if self.empty else self._geometry(), sources=self._sources(), boundary_layers=[absorber],
+            default_material=media.one(self.material.front, self.material.front),
+            geometry=[] if self.empty else self._geometry(media),
+            extra_materials=media.examples(), sources=self._sources(), boundary_layers=[absorber],
             k_point=mp.Vector3(f * self.u, 0, f * self.v), kz_2d="complex", Courant=self.settings.courant,
             eps_averaging=False,  # `fdtd_material` does it
+            ensure_periodicity=False,  # what lies behind the cell would come up again in the absorber in front of it
         )
 
-    def _geometry(self) -> list[Any]:
-        """A block around the cell that knows ε at every grid point. Weak absorption is left to perturbation theory."""
-        grid, pixel = self.grid, self.grid.pixel
-        low, high = self.bottom - 2, self.bottom + 2 + int(np.ceil(depth_nm(self.cell) / 1000 / pixel))
-        x = (np.arange(2 * grid.n_x) - grid.n_x) * pixel / 2
-        y = np.arange(2 * low, 2 * high + 1) * pixel / 2
-        tensor = self.material.tensor(x, y)
-        if weakly_absorbing(self.cell):
-            tensor = tensor.real.astype(complex)
-        # Most points share their tensor with others, and to make a medium takes Meep longer than many a time step.
-        different, which = np.unique(tensor.reshape(-1, 4).round(12), axis=0, return_inverse=True)
-        media = [self._medium(one) for one in different]
-        at: Any = which.reshape(tensor.shape[:2]).tolist()
-
-        def permittivity(p: Any) -> Any:
-            i, j = round(2 * p.x / pixel + grid.n_x) % (2 * grid.n_x), round(2 * p.y / pixel) - 2 * low
-            return media[at[i][j]]
-
-        mp = self.mp
-        # Meep looks for conductivity only where some plain medium has one: this one, which lies hidden below the other.
-        conductor = [] if weakly_absorbing(self.cell) else [mp.Medium(D_conductivity=1.0)]
-        place = {
-            "size": mp.Vector3(mp.inf, (high - low - 0.5) * pixel, mp.inf),
-            "center": mp.Vector3(0, (high + low) * pixel / 2),
-        }
-        return [mp.Block(material=medium, **place) for medium in (*conductor, permittivity)]
-
-    def _medium(self, tensor: Complexes) -> Any:
-        """Meep's medium of ε_XX, ε_YY, ε_ZZ, ε_XY (4,). Of absorption it takes the diagonal, as a conductivity."""
-        mp, (real, imag) = self.mp, (tensor.real, tensor.imag)
-        loss = 2 * np.pi * self.frequency * imag[:3] / real[:3]
-        return mp.Medium(
-            epsilon_diag=mp.Vector3(*real[:3]), epsilon_offdiag=mp.Vector3(real[3]),
-            D_conductivity_diag=mp.Vector3(*loss),
-        )
+    def _geometry(self, media: Media) -> list[Any]:
+        return geometry(media, self.material, self.seen, self.grid, self.rows)
 
     def _sources(self) -> list[Any]:
         """Current sheet K = n × H of the wanted wave (Love's equivalence; Harrington, Time-Harmonic Fields, §3-5)."""
-        mp, e = self.mp, electric_vector(self.u, self.v, self.cell.electric_axis)
-        h = np.cross(wave_vector(self.u, self.v), e)
+        mp, e = self.mp, electric_vector(self.u, self.v, self.cell.electric_axis, self.front_index)
+        h = np.cross(wave_vector(self.u, self.v, self.front_index), e)
         current = np.cross([0.0, 0.0, 1.0], h)
         pulse = mp.GaussianSource(self.frequency, fwidth=self.pulse_width * self.frequency, cutoff=4)
 
@@ -223,17 +188,18 @@ class Run:
         array = np.asarray(self.simulation.get_dft_array(monitor, component, 0))
         return array if array.size > 1 else None
 
-    def amplitudes(self) -> Complexes:
-        """Order amplitudes (2, 4, n) on the two lines.
+    def amplitudes(self, u_m: Floats | None = None) -> Complexes:
+        """Amplitudes (2, 4, n) on the two lines of the orders `u_m` (n,), those that leave unless given.
 
         Meep averages E_Z and H_X over two neighbours along X to bring them to pixel centres, which multiplies a wave
         by cos(k_X pixel/2): undone here, so that the flux is the one that the Yee scheme conserves.
         """
-        averaged = np.cos(np.pi * self.frequency * self.u_m * self.grid.pixel)
-        out = np.zeros((2, 4, self.u_m.size), complex)
+        u_m = self.orders.u if u_m is None else u_m
+        averaged = np.cos(np.pi * self.frequency * u_m * self.grid.pixel)
+        out = np.zeros((2, 4, u_m.size), complex)
         for i, monitor in enumerate(self.lines):
             x, one = self._period(monitor)
-            to_orders = np.exp(-2j * np.pi * self.frequency * self.u_m[:, None] * x) / x.size
+            to_orders = np.exp(-2j * np.pi * self.frequency * u_m[:, None] * x) / x.size
             for j, component in enumerate(self.components):
                 array = self._array(monitor, component)
                 if array is not None:
@@ -263,18 +229,26 @@ class Run:
         return before, Decay(residual, capped)
 
     def monitor_heat(self) -> Callable[[], float]:
-        """Start recording E in the material; the function returned gives ∫ Im ε |E|² dA over it (µm²)."""
-        mp, grid = self.mp, self.grid
-        height = depth_nm(self.cell) / 1000
-        components = [mp.Ex, mp.Ey, mp.Ez]
-        monitor = self._monitor(components, grid.y_bottom + height / 2, height)
+        """Start recording E between the lines; the function returned gives ∫ E* Im ε E dA there (µm²).
+
+        E is taken where Yee's grid holds it, and ε as the grid has it (of weak absorption, as it would have it): the
+        loss of the discrete fields. In the middle of a pixel E is known only to first order beside a face.
+        """
+        mp, (low, high), pixel = self.mp, self.rows, self.grid.pixel
+        # Edges a quarter of a pixel off the points, so that rounding does not decide which of them belong to it.
+        middle = first_column(self.n_x) + 0.25 + (self.n_x - 1) / 2
+        where = mp.Volume(
+            center=mp.Vector3(middle * pixel, (low + high) * pixel / 2),
+            size=mp.Vector3((self.n_x - 1) * pixel, (high - low - 0.5) * pixel),
+        )
+        monitors = [
+            self.simulation.add_dft_fields([c], self.frequency, 0, 1, where=where, yee_grid=True)
+            for c in (mp.Ex, mp.Ey, mp.Ez)
+        ]
 
         def integral() -> float:
-            x, one = self._period(monitor)
-            y = np.atleast_1d(np.asarray(self.simulation.get_array_metadata(dft_cell=monitor)[1]))
-            lossy = self.material.absorbing(x, y) * grid.pixel**2
-            arrays = [self._array(monitor, component) for component in components]
-            return float(sum((np.abs(array[one]) ** 2 * lossy).sum() for array in arrays if array is not None))
+            fields = [self._array(m, c) for m, c in zip(monitors, (mp.Ex, mp.Ey, mp.Ez), strict=True)]
+            return dissipated(self.seen, fields, weakly_absorbing(self.cell)) * pixel**2
 
         return integral
 

@@ -8,7 +8,7 @@ import pytest
 from optics.cells import Metagrating, Profile, read_cell
 from optics.fdtd_direction import solve_direction
 from optics.fdtd_grid import FdtdSettings
-from optics.fdtd_run import grazing
+from optics.fdtd_orders import grazing
 from optics.files import InputError
 from optics.lamellar import solve
 from optics.outline import staircase

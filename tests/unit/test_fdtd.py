@@ -9,17 +9,32 @@ import pytest
 from optics.cells import Metagrating
 from optics.fdtd import main, read_nodes, solve_adaptively
 from optics.fdtd_adaptive import adapt
-from optics.fdtd_direction import DirectionResult, check_cell, check_window, estimate, extrapolate
-from optics.fdtd_efficiencies import check_polarisation, stress
-from optics.fdtd_grid import FdtdSettings, layout
-from optics.fdtd_material import material, on_grid, spline, spline_integral
+from optics.fdtd_direction import (
+    DirectionResult,
+    cautious_estimate,
+    check_cell,
+    check_window,
+    estimate,
+    extrapolate,
+    solve_direction,
+)
+from optics.fdtd_efficiencies import Efficiencies, check_polarisation, stress
+from optics.fdtd_grid import FdtdSettings, layout, periods, pixels, rungs
+from optics.fdtd_material import Averages, material, on_grid, spline, spline_integral
+from optics.fdtd_medium import dissipated
+from optics.fdtd_orders import Orders, grazing
 from optics.fdtd_parts import Rows, block, merge, read_rows, write_rows
-from optics.fdtd_run import grazing, import_meep, pulse_width, reflection, remaining
+from optics.fdtd_poles import passive, permittivity, responses
+from optics.fdtd_progress import Progress, check_memory, expected_directions, spread
+from optics.fdtd_run import Decay, import_meep, pulse_width, reflection, remaining
 from optics.files import InputError, validate
 from optics.incidence import electric_vector, wave_vector
 from optics.sampling import even_nodes, fill
 
 SETTINGS = FdtdSettings()
+
+
+PASSIVE = [4.0, 2.25 + 0.1j, -7.6 + 0.73j, -48.5 + 3.6j, 5.0 + 19j, 0.3 + 0j, -2.0 + 0j, -17 + 100j, 1.0, 40.0 + 0.1j]
 
 
 def smooth(u, v):
@@ -39,6 +54,97 @@ def rows(directions):
     return out
 
 
+@pytest.mark.parametrize("period_nm", [5.0, 90.0, 300.0, 532.0, 1600.0, 30000.0])
+@pytest.mark.parametrize("n", [1.0, 1.5, 3.5])
+def test_every_resolution_is_finer_than_the_one_before(te, period_nm, n):
+    cell = Metagrating.model_validate(
+        te.model_dump() | {"period_nm": period_nm, "ridges_nm": [[0.0, period_nm / 2]], "index": {"n": n}}
+    )
+    pixels_a_period = rungs(cell, SETTINGS)
+    assert len(pixels_a_period) == len(SETTINGS.pixels_per_wavelength)
+    assert pixels_a_period[0] >= 8
+    ratios = np.divide(pixels_a_period[1:], pixels_a_period[:-1])
+    np.testing.assert_allclose(ratios, np.sqrt(2), rtol=0.06)  # whole numbers from 8 on
+    assert pixels_a_period[0] / periods(cell) >= 7  # never coarser than asked for, but for rounding
+
+
+def test_resolutions_that_round_to_the_same_pixels_still_rise(te):
+    close = FdtdSettings(pixels_per_wavelength=[7.45, 7.46, 7.47])
+    assert all(np.diff(rungs(te, close)) >= 1)
+
+
+def test_a_metal_is_resolved_by_its_skin_depth(te):
+    gold = Metagrating.model_validate(te.model_dump() | {"index": {"n": 0.26, "k": 6.97}})
+    behind = Metagrating.model_validate(te.model_dump() | {"surroundings": {"back": 0.26, "back_k": 6.97}})
+    assert periods(gold) == pytest.approx(periods(behind)) == pytest.approx(np.hypot(0.26, 6.97) * 1600 / 1064)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_run_without_a_number_ends_the_table_with_its_direction(te, monkeypatch, value):
+    def run(cell, u, v, n_x, settings, thicker):
+        orders = Orders(np.array([u]), np.array([1.0 + 0j]), np.array([1.0 + 0j]))
+        return Efficiencies(orders, np.array([value]), np.zeros(1), 0.0, 0.0, np.zeros(2), Decay(0.0, False))
+
+    monkeypatch.setattr("optics.fdtd_direction.efficiencies", run)
+    with pytest.raises(InputError, match=r"mark1e_te at u = 0.1, v = 0: FDTD with 22 pixels a period gave .*not numbers"):
+        solve_direction(te, 0.1, 0.0, SETTINGS)
+
+
+@pytest.mark.parametrize("step", [0.02, 0.2, 0.4])
+def test_poles_give_the_wanted_permittivity_exactly_and_stay_as_dense_as_vacuum_to_the_end_of_the_grid(step):
+    wanted = np.array(PASSIVE, complex)
+    medium = passive(wanted, step)
+    np.testing.assert_allclose(permittivity(medium, step), wanted, rtol=1e-13)
+    assert np.all(medium.free >= 0)
+    assert np.all(medium.lossy >= 0)
+    # At ωΔt = π each pole has lowered ε by its strength times (ωΔt)²/4.
+    assert np.all(medium.infinity - (medium.free + medium.lossy) * step**2 / 4 >= 1 - 1e-9) or np.any(wanted.real < 1)
+    dense = wanted.real >= 1
+    np.testing.assert_allclose(medium.free[dense & (wanted.imag < 1)], 0)
+
+
+def test_poles_obey_the_recurrence_that_they_are_made_for():
+    """P₊ = (2 P − (1 − γΔt/2) P₋ + σ(ωΔt)² E)/(1 + γΔt/2) driven by exp(−iωt) settles to χ E."""
+    step = 0.15
+    for gamma, wanted in zip((0.0, 1.0), responses(step), strict=True):
+        before, now = wanted * np.exp(1j * step), wanted + 0j
+        for k in range(200):
+            drive = step**2 * np.exp(-1j * step * k)
+            before, now = now, (2 * now - (1 - gamma * step / 2) * before + drive) / (1 + gamma * step / 2)
+        assert now == pytest.approx(wanted * np.exp(-1j * step * 200), rel=1e-9)
+
+
+def test_what_does_not_settle_is_not_extrapolated_and_its_error_covers_its_steps():
+    """Numbers of a silver grating in TM, whose limit is 0.209: 8 to 91 pixels a period."""
+    found = {8: 0.8484, 11: 0.2377, 16: 0.176, 23: 0.1991, 32: 0.4008, 46: 0.164, 65: 0.1748, 91: 0.2214}
+    done = [(n, np.array([1 - a, 0.5])) for n, a in found.items()]
+    for last in range(3, len(done) + 1):
+        best, error = cautious_estimate(done[:last])
+        assert abs(best[0] - (1 - 0.209)) <= error
+        assert error < 1.5 * 0.62
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_steady_errors_of_any_order_are_covered(order):
+    pixels_a_period = (20, 28, 40)
+    done = [(n, np.array([0.3 + 20 / n**order, 0.1])) for n in pixels_a_period]
+    best, error = cautious_estimate(done)
+    assert abs(best[0] - 0.3) <= error <= 5 * 20 / pixels_a_period[-1] ** order
+
+
+def test_loss_is_that_of_the_points_that_hold_the_fields():
+    """One lossy row in a period of 3 pixels; fields that differ from point to point."""
+    rng = np.random.default_rng(5)
+    mean = np.zeros((6, 9), complex)
+    mean[:, 4] = 2j  # an even row: E_X and E_Z are there
+    mean[:, 5] = 3j  # an odd one: E_Y
+    seen = Averages(mean, mean, np.zeros((6, 9)), np.zeros((6, 9)))
+    e_x, e_y, e_z = (rng.normal(size=shape) + 0j for shape in ((4, 5), (4, 6), (4, 5)))
+    expected = 2 * (e_x[1:, 2] ** 2).sum() + 2 * (e_z[:3, 2] ** 2).sum() + 3 * (e_y[:3, 3] ** 2).sum()
+    assert dissipated(seen, [e_x, e_y, e_z], oblique=True) == pytest.approx(expected.real, rel=1e-12)
+    assert dissipated(seen, [None, None, e_z], oblique=True) == pytest.approx(2 * (e_z[:3, 2] ** 2).sum().real)
+
+
 def test_richardson_is_exact_for_an_error_of_second_order():
     values = {n: np.array([0.3, -1.0]) + np.array([5.0, -2.0]) / n**2 for n in (30, 47)}
     best, correction = extrapolate((30, values[30]), (47, values[47]))
@@ -48,7 +154,7 @@ def test_richardson_is_exact_for_an_error_of_second_order():
 
 @pytest.mark.parametrize("resolution", [10.65, 17.7, 21.3, 42.55])
 def test_the_grid_is_even_in_height_and_holds_the_material_between_its_lines(tm, resolution):
-    grid = layout(tm, resolution, SETTINGS)
+    grid = layout(tm, pixels(tm, resolution), SETTINGS)
     assert grid.n_y % 2 == 0
     assert grid.n_x * grid.pixel == pytest.approx(1.35)
     assert grid.y_back < grid.y_bottom
@@ -67,16 +173,18 @@ def grid_points(grid, per_pixel=1):
 @pytest.mark.parametrize("radius", [0.0, 100.0])
 def test_the_absorbing_area_is_that_of_the_cross_section(te, radius):
     cell = Metagrating.model_validate(te.model_dump() | {"corner_radius_nm": radius, "index": {"n": 2.0, "k": 0.01}})
-    grid = layout(cell, 21.3, SETTINGS)
-    area = material(cell, grid, 0.65).absorbing(*grid_points(grid)).sum() * grid.pixel**2 / cell.index.permittivity.imag
+    grid = layout(cell, pixels(cell, 21.3), SETTINGS)
+    loss = material(cell, grid, 0.65).averages(*grid_points(grid, 2)).mean.imag
+    inside = on_grid(cell.index.permittivity, 2 * np.pi * grid.pixel / 1.064, 0.65)
+    area = loss.sum() * (grid.pixel / 2) ** 2 / inside.imag
     corners = 4 * (1 - 8 * np.sin(np.pi / 32)) * (radius / 1000) ** 2  # of arcs in 16 straight pieces
     assert area == pytest.approx(1.6 * 0.2 + 0.8 * 0.4 - corners, rel=3e-5)
 
 
 def test_permittivity_keeps_its_integral_and_its_limits_on_the_grid(tm):
-    grid = layout(tm, 17.55, SETTINGS)
+    grid = layout(tm, pixels(tm, 17.55), SETTINGS)
     x, y = grid_points(grid, 2)
-    tensor = material(tm, grid, 0.65).tensor(x, y)
+    tensor = material(tm, grid, 0.65).averages(x, y).tensor()
     inside = on_grid(4.0, 2 * np.pi * grid.pixel / 1.064, 0.65)
     area = 1.35 * 0.2 + 0.72 * 0.4
     assert (tensor[..., 2].real - 1).sum() * (grid.pixel / 2) ** 2 == pytest.approx((inside - 1) * area, rel=1e-4)
@@ -88,11 +196,11 @@ def test_permittivity_keeps_its_integral_and_its_limits_on_the_grid(tm):
 
 def test_a_flat_face_gives_arithmetic_and_harmonic_means(te):
     cell = Metagrating.model_validate(te.model_dump() | {"ridges_nm": [[0.0, 1600.0]]})
-    grid = layout(cell, 10.65, SETTINGS)
+    grid = layout(cell, pixels(cell, 10.65), SETTINGS)
     share = np.array([1 / 6, 1 / 2, 5 / 6])  # of the spline, half a pixel and none below a face
     y = grid.y_bottom + np.array([-0.5, 0.0, 0.5]) * grid.pixel
     inside = on_grid(4.0, 2 * np.pi * grid.pixel / 1.064, 0.65)
-    along, across, out_of_plane, mixed = material(cell, grid, 0.65).tensor(np.array([0.1]), y)[0].T
+    along, across, out_of_plane, mixed = material(cell, grid, 0.65).averages(np.array([0.1]), y).tensor()[0].T
     np.testing.assert_allclose(along, 1 + (inside - 1) * share, rtol=1e-5)
     np.testing.assert_allclose(out_of_plane, 1 + (inside - 1) * share, rtol=1e-5)
     np.testing.assert_allclose(across, 1 / (1 - (1 - 1 / inside) * share), rtol=1e-5)
@@ -123,8 +231,8 @@ def test_permittivity_on_the_grid_gives_a_wave_its_true_length():
 
 def test_ridges_that_touch_across_the_period_leave_no_seam(te):
     cell = Metagrating.model_validate(te.model_dump() | {"ridges_nm": [[0.0, 600.0], [600.0, 1000.0]]})
-    grid = layout(cell, 10.65, SETTINGS)
-    tensor = material(cell, grid, 0.65).tensor(*grid_points(grid, 2))
+    grid = layout(cell, pixels(cell, 10.65), SETTINGS)
+    tensor = material(cell, grid, 0.65).averages(*grid_points(grid, 2)).tensor()
     np.testing.assert_allclose(tensor, np.broadcast_to(tensor[:1], tensor.shape), atol=1e-12)
 
 
@@ -159,14 +267,14 @@ def test_part_files_merge_to_the_response_they_hold(te, tmp_path):
     for i in (1, 2, 3):
         parts.append(tmp_path / f"part{i}.h5")
         write_rows(parts[-1], te, SETTINGS, rows(block(u, v, i, 3)))
-    table = merge(te, SETTINGS, u, v, parts)
+    table = merge(te, SETTINGS, u, v, None, parts)
     for x, y in ((0.013, 0.0), (-0.17, 0.11), (0.1, -0.05)):
         q, absorptance = smooth(x, abs(y))
         np.testing.assert_allclose(table.q(x, y)[[0, 2]], q[[0, 2]], atol=1e-6)
         assert table.q(x, y)[1] == pytest.approx(y * absorptance, abs=1e-8)
     assert table.error.min() >= 2e-3
     with pytest.raises(InputError, match="none of the part files"):
-        merge(te, SETTINGS, u, v, parts[:2])
+        merge(te, SETTINGS, u, v, None, parts[:2])
 
 
 def test_rows_of_another_cell_or_other_settings_are_not_kept(te, tm, tmp_path):
@@ -188,6 +296,7 @@ def test_rows_of_another_cell_or_other_settings_are_not_kept(te, tm, tmp_path):
         ({"symmetries": ["Mirror(X)"]}, "symmetries"),
         ({"courant": 0.9}, "less than or equal to 0.7"),
         ({"pixels_per_wavelength": [40.0]}, "at least 2"),
+        ({"pixels_per_wavelength": [20.0, 20.0]}, "must ascend"),
         ({"pixels_per_wave": 40.0}, "did you mean 'pixels_per_wavelength'"),
         ({"tolerance": 0.0}, "greater than 0"),
     ],
@@ -199,14 +308,16 @@ def test_bad_settings_are_refused_in_one_line(given, message):
 
 
 def test_what_fdtd_cannot_do_is_refused(te):
-    glass = Metagrating.model_validate(te.model_dump() | {"surroundings": {"front": 1.0, "back": 1.5}})
-    with pytest.raises(InputError, match="vacuum"):
-        check_cell(glass, 0.0, 0.0)
-    gold = Metagrating.model_validate(te.model_dump() | {"index": {"n": 0.26, "k": 6.97}})
-    with pytest.raises(InputError, match="for metals"):
-        check_cell(gold, 0.0, 0.0)
+    thinner = Metagrating.model_validate(te.model_dump() | {"surroundings": {"front": 0.9}})
+    with pytest.raises(InputError, match="front = 0.9: must be at least 1"):
+        check_cell(thinner, 0.0, 0.0)
     with pytest.raises(InputError, match="evanescent"):
         check_cell(te, 0.8, 0.7)
+    water = Metagrating.model_validate(te.model_dump() | {"surroundings": {"front": 1.33}})
+    check_cell(water, 0.8, 0.7)
+    huge = Metagrating.model_validate(te.model_dump() | {"period_nm": 1e9})
+    with pytest.raises(InputError, match=r"FDTD needs about \d+ GB"):
+        check_memory(huge, SETTINGS)
 
 
 def test_a_grazing_order_is_seen(tm):
@@ -251,14 +362,14 @@ def test_a_cell_at_another_wavelength_has_the_same_grid(te, scale):
     scaled["ridges_nm"] = [[scale * x for x in ridge] for ridge in te.ridges_nm]
     cell = Metagrating.model_validate(te.model_dump() | scaled)
     for resolution in SETTINGS.pixels_per_wavelength:
-        one, other = layout(te, resolution, SETTINGS), layout(cell, resolution, SETTINGS)
+        one, other = layout(te, pixels(te, resolution), SETTINGS), layout(cell, pixels(cell, resolution), SETTINGS)
         assert (one.n_x, one.n_y, one.n_absorber) == (other.n_x, other.n_y, other.n_absorber)
         assert other.y_front == pytest.approx(scale * one.y_front, rel=1e-12)
 
 
 def test_a_denser_material_has_smaller_pixels(te):
     silicon = Metagrating.model_validate(te.model_dump() | {"index": {"n": 3.5, "k": 0.0}})
-    one, other = (layout(cell, 21.3, SETTINGS).n_x for cell in (te, silicon))
+    one, other = (layout(cell, pixels(cell, 21.3), SETTINGS).n_x for cell in (te, silicon))
     assert (one, other) == (64, 112)
 
 
@@ -348,7 +459,7 @@ def resonance(directions):
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
 def test_adaptive_directions_resolve_a_resonance_to_the_tolerance(tolerance):
-    u, v = adapt(resonance, 0.18, 0.18, tolerance)
+    u, v, _ = adapt(resonance, 0.18, 0.18, tolerance)
     values = resonance(np.stack(np.meshgrid(u, v, indexing="ij"), -1).reshape(-1, 2)).reshape(u.size, v.size, 2)
     x, y = np.linspace(-0.18, 0.18, 301), np.linspace(0, 0.18, 23)
     exact = resonance(np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)).reshape(x.size, y.size, 2)
@@ -359,7 +470,7 @@ def test_adaptive_directions_resolve_a_resonance_to_the_tolerance(tolerance):
 def test_an_adaptive_table_that_was_killed_goes_on_from_its_rows(te, tmp_path, monkeypatch):
     calls = []
 
-    def solve(cell, u, v, settings):
+    def solve(cell, u, v, settings, told):
         calls.append((u, v))
         if len(calls) == 20:
             raise KeyboardInterrupt
@@ -370,6 +481,7 @@ def test_an_adaptive_table_that_was_killed_goes_on_from_its_rows(te, tmp_path, m
     with pytest.raises(KeyboardInterrupt):
         solve_adaptively(te, 0.18, 0.18, SETTINGS, path)
     assert read_rows(path, te, SETTINGS).values.shape[0] == 19
-    u, v = solve_adaptively(te, 0.18, 0.18, SETTINGS, path)
+    u, v, between = solve_adaptively(te, 0.18, 0.18, SETTINGS, path)
     assert len(calls) == len(set(calls)) + 1  # only the one that was cut off is solved again
-    assert merge(te, SETTINGS, u, v, [path]).q(0.02, 0.01)[0] == pytest.approx(smooth(0.02, 0.01)[0][0], abs=1e-6)
+    table = merge(te, SETTINGS, u, v, between, [path])
+    assert table.q(0.02, 0.01)[0] == pytest.approx(smooth(0.02, 0.01)[0][0], abs=1e-6)

@@ -10,7 +10,8 @@ import numpy as np
 
 from optics import fdtd_efficiencies
 from optics.fdtd_direction import values
-from optics.fdtd_grid import FdtdSettings
+from optics.fdtd_grid import FdtdSettings, pixels
+from optics.fdtd_medium import Media
 from optics.fdtd_run import Run
 
 SETTINGS = FdtdSettings()
@@ -24,7 +25,7 @@ class PlainRun(Run):
         simulation.eps_averaging = True
         return simulation
 
-    def _geometry(self) -> list[Any]:
+    def _geometry(self, media: Media) -> list[Any]:
         mp, cell, grid = self.mp, self.cell, self.grid
         medium = mp.Medium(epsilon=cell.index.permittivity.real)
         membrane, height = cell.membrane_nm / 1000, cell.ridge_height_nm / 1000
@@ -50,4 +51,5 @@ def plain() -> Iterator[None]:
 
 def pressure(cell: Any, u: float, v: float, resolution: float) -> np.ndarray:
     """q_g and q_n (2,) of one direction at one resolution (pixels per wavelength)."""
-    return values(u, v, fdtd_efficiencies.efficiencies(cell, u, v, resolution, SETTINGS))[0][:2]
+    found = fdtd_efficiencies.efficiencies(cell, u, v, pixels(cell, resolution), SETTINGS)
+    return values(cell, u, v, found)[:2]
