@@ -26,6 +26,13 @@ APT := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get -y -q -o Acquire::R
 PLACE := echo "$(CURDIR) $$(basename "$$(readlink -f $(PYTHON))")"
 $(shell [ "$$(cat $(READY) 2>/dev/null)" = "$$($(PLACE))" ] || rm -f $(READY))
 
+# Snakemake keeps a cache below the home folder: without one that can be written, here.
+ifndef XDG_CACHE_HOME
+ifneq ($(shell [ -w ~ ] && echo yes),yes)
+export XDG_CACHE_HOME := $(CURDIR)/.cache
+endif
+endif
+
 results: setup
 	$(SNAKEMAKE)
 	@if [ ! -e $(REPORT) ] || [ -n "$$(find results workflow/report -type f -newer $(REPORT) -print -quit)" ]; then \

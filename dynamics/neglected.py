@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.mesh import Floats
@@ -48,6 +49,6 @@ def said(text: str) -> str:
     return f"neglected: {text}" if text else ""
 
 
-def _first(time: Floats, true: Floats) -> float | None:
+def _first(time: Floats, true: NDArray[np.bool_]) -> float | None:
     """The first time at which something is true."""
     return float(time[np.argmax(true)]) if np.any(true) else None
