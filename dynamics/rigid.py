@@ -13,6 +13,7 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,7 +152,8 @@ def terms_of(scene: scenes.Scene, units: Units) -> kernel.Terms:
 
 def _pace(body: RigidBody, terms: kernel.Terms, work: kernel.Work) -> tuple[float, float]:
     """Steps and wall time in s that a flight would take which went on as it begins, with everything compiled."""
-    trial = kernel.Work(*(array.copy() for array in work))._replace(states=work.states[:0])
+    copies: list[Any] = [array.copy() for array in work]
+    trial = kernel.Work(*copies)._replace(states=work.states[:0])
     brief = terms._replace(rows=terms.rows[:0])
     kernel.fly(body.sail, body.tables, body.light, brief, trial, 1)
     steps, begun, watch = trial.counts[kernel.STEPS], trial.clock[kernel.T], Stopwatch()

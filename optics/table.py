@@ -346,7 +346,7 @@ def _stack(q: Floats | None, absorptance: Floats | None) -> Floats:
 
 
 def _one_line(error: Exception) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())
+    return " ".join(f"{type(error).__name__}: {error}".split())[:150]
 
 
 def _encode(value: Any) -> Any:
