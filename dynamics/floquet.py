@@ -24,6 +24,7 @@ from dynamics.derivatives import COLUMNS, ROWS, error_modes, imbalance, linearis
 from dynamics.linear import RESOLUTION, LinearModel, growth, margin
 from dynamics.rigid_body import rigid_body
 from dynamics.sail import load_tables, provenance, require_own_polarisation
+from optics.compiling import compiling
 from optics.files import InputError, run_stage, versions, write_json
 from optics.table import PressureTable
 
@@ -202,7 +203,8 @@ def main() -> None:
     arguments = stage_arguments("dynamics.floquet", main.__doc__, "JSON file to write")
     scene = scenes.read_scene(arguments.scene)
     tables = load_tables(arguments.tables, scene)
-    stability = analyse(scene, tables)
+    with compiling("10 s"):
+        stability = analyse(scene, tables)
     write_json(arguments.out, report(scene, tables, stability))
     low, high = stability.margin_range
     finish(

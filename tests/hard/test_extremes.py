@@ -41,6 +41,8 @@ def accepted() -> Iterator[tuple[str, Any]]:
                 Scene.model_validate(data)
             except ValidationError:
                 continue
+            if data["beam"]["radius_m"] < 0.01 * data["sail"]["radius_m"]:
+                continue  # no quadrature of such a beam: its own refusal
             yield f"{'.'.join(map(str, path))} = {value:g}", data
 
 
