@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 from drawing import read_series, solver
 
-from optics.files import atomic, run_stage
+from optics.files import Stopwatch, atomic, finish, run_stage
 from optics.table import PressureTable
 
 Row = tuple[str, str, str, str, str]
@@ -124,6 +124,7 @@ def _html(table: list[Row]) -> str:
 
 def main() -> None:
     """Write the summary of a run."""
+    watch = Stopwatch()
     parser = argparse.ArgumentParser(description=__doc__)
     for name in ("tables", "floquet", "flights", "benchmarks"):
         parser.add_argument(f"--{name}", nargs="*", default=[], type=Path)
@@ -135,6 +136,7 @@ def main() -> None:
         csv.writer(stream, lineterminator="\n").writerows([COLUMNS, *table])
     with atomic(given.html) as temporary:
         temporary.write_text(_html(table), encoding="utf-8")
+    finish(given.out, watch, f"{len(table)} key numbers, as HTML beside it")
 
 
 if __name__ == "__main__":
