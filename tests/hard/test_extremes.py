@@ -61,7 +61,10 @@ def ends(stage: Any, data: dict[str, Any], folder: Path, monkeypatch: pytest.Mon
     return 0
 
 
-@pytest.mark.parametrize("stage", [rigid, floquet, membrane], ids=lambda stage: stage.__name__.rpartition(".")[2])
+@pytest.mark.parametrize("stage", [
+    pytest.param(rigid, id="rigid"), pytest.param(floquet, id="floquet"),
+    pytest.param(membrane, id="membrane", marks=pytest.mark.slow),
+])
 def test_no_number_that_a_scene_may_hold_ends_in_a_traceback(stage, tmp_path, monkeypatch, capsys):
     smooth_tables()["mark1e_te"].write(tmp_path / "te.h5")
     broken = []
