@@ -25,6 +25,7 @@ from dynamics.linear import RESOLUTION, LinearModel, growth, margin
 from dynamics.rigid_body import rigid_body
 from dynamics.sail import load_tables, provenance, require_own_polarisation
 from dynamics.table_error import missed, said_missed
+from optics.compiling import compiling
 from optics.files import InputError, run_stage, versions, write_json
 from optics.normal import table_response
 from optics.table import PressureTable
@@ -248,7 +249,8 @@ def main() -> None:
     arguments = stage_arguments("dynamics.floquet", main.__doc__, "JSON file to write")
     scene = scenes.read_scene(arguments.scene)
     tables = load_tables(arguments.tables, scene)
-    stability = analyse(scene, tables)
+    with compiling("10 s"):
+        stability = analyse(scene, tables)
     found = report(scene, tables, stability)
     write_json(arguments.out, found)
     low, high = stability.margin_range

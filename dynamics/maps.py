@@ -23,6 +23,7 @@ from dynamics.kernels.rigid import INSIDE
 from dynamics.rigid_body import RigidBody, rigid_body
 from dynamics.sail import load_tables, provenance
 from dynamics.table_error import TableErrors, rigid_errors
+from optics.compiling import compiling
 from optics.files import InputError, run_stage, versions
 from optics.hdf5 import new_hdf5
 from optics.table import PressureTable
@@ -106,7 +107,8 @@ def main() -> None:
     arguments = stage_arguments("dynamics.maps", main.__doc__, "HDF5 file to write")
     scene = scenes.read_scene(arguments.scene)
     tables = load_tables(arguments.tables, scene)
-    maps = make_maps(scene, tables)
+    with compiling("10 s"):
+        maps = make_maps(scene, tables)
     met = write(arguments.out, maps, scene, tables)
     outside = int(np.isnan(maps.F_x).sum() + np.isnan(maps.F_y).sum())
     places = maps.F_x.size + maps.F_y.size

@@ -454,7 +454,7 @@ def _around(nodes: Floats, x: Floats) -> tuple[Any, Any]:
 
 
 def _one_line(error: Exception) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())
+    return " ".join(f"{type(error).__name__}: {error}".split())[:150]
 
 
 def _encode(value: Any) -> Any:

@@ -15,7 +15,19 @@ from dynamics.basin import Grid, fly_cells
 from dynamics.rigid_body import rigid_body
 from dynamics.sail import load_tables
 from dynamics.scene import Scene, read_scene
-from optics.files import InputError, Name, Positive, Strict, check_out, load_yaml, run_stage, validate, write_json
+from optics.files import (
+    InputError,
+    Name,
+    Positive,
+    Stopwatch,
+    Strict,
+    check_out,
+    finish,
+    load_yaml,
+    run_stage,
+    validate,
+    write_json,
+)
 from optics.table import PressureTable
 
 NOMINAL = ("mark1e_te", "mark1e_tm")
@@ -132,6 +144,7 @@ def study(base: Scene, case: Case, tables: dict[str, PressureTable]) -> dict[str
 
 def main() -> None:
     """Analyse and fly one case."""
+    watch = Stopwatch()
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", required=True, help="YAML list of the cases")
     parser.add_argument("--case", required=True, help="name of the case")
@@ -145,6 +158,7 @@ def main() -> None:
         raise InputError(f"--case = {given.case!r}: must be one of {', '.join(cases)}")
     base, case = read_scene(given.scene), cases[given.case]
     write_json(given.out, study(base, case, load_tables(given.tables, variant(base, case, False))))
+    finish(given.out, watch, f"case {given.case}")
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from dynamics.floquet import distance
-from optics.files import InputError, check_out, run_stage, write_json
+from optics.files import InputError, Stopwatch, check_out, finish, run_stage, write_json
 from optics.table import PressureTable
 
 LARGEST, NEARLY_ALL, MULTIPLIERS, ABSORPTANCE = 0.015, 0.0075, 1e-2, 0.03
@@ -67,6 +67,7 @@ def judge(checks: list[Check]) -> None:
 
 def main() -> None:
     """Check the tables and the stability analyses of a run."""
+    watch = Stopwatch()
     parser = argparse.ArgumentParser(description=__doc__)
     for name in ("modal", "fdtd", "floquet", "floquet-fdtd"):
         parser.add_argument(f"--{name}", nargs="*", default=[], type=Path, help="as many, in the same order")
@@ -79,6 +80,7 @@ def main() -> None:
     checks = [check for run, *files in pairs for pair in zip(*files, strict=True) for check in run(*pair)]
     judge(checks)
     write_json(given.out, [{**asdict(check), "pass": check.passed} for check in checks])
+    finish(given.out, watch, f"{len(checks)} checks passed")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from dynamics.scene import Scene, read_scene
-from optics.files import InputError, Name, Positive, Strict, atomic, load_yaml, run_stage, validate
+from optics.files import InputError, Name, Positive, Stopwatch, Strict, atomic, finish, load_yaml, run_stage, validate
 
 SOURCE = Path("workflow/published.yaml")
 SNAPSHOTS = 500
@@ -99,13 +99,14 @@ def main() -> None:
     parser.add_argument("--scene", required=True, type=Path, help="scene to fly")
     parser.add_argument("--out", required=True, type=Path, help="YAML file to write, named as the scene")
     given = parser.parse_args()
-    flights, scene = read_published(), read_scene(given.scene)
+    watch, flights, scene = Stopwatch(), read_published(), read_scene(given.scene)
     if scene.name not in flights:
         raise InputError(f"--scene {given.scene}: must be one of {SOURCE}: {', '.join(flights)}")
     with atomic(given.out) as temporary:
         # JSON is YAML
         data = as_flown(scene, flights[scene.name]).model_dump(exclude_none=True)
         temporary.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    finish(given.out, watch, f"scene {scene.name} as it is flown")
 
 
 if __name__ == "__main__":

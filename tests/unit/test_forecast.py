@@ -212,3 +212,25 @@ def test_a_screening_says_first_what_it_takes(capsys):
     screening.screen(screening.scenes.read_scene(ROOT / "workflow/scenes/fig6.yaml"), many_members(20), many_cells(20))
     first = next(line for line in capsys.readouterr().err.splitlines() if line)
     assert re.fullmatch(r"fig6: 380 members, 22\d MB of memory \(.* free\), about \S+ s", first)
+
+
+def test_a_fine_mesh_is_foreseen_from_a_coarse_one(tmp_path, monkeypatch, capsys):
+    """Its nodes to the last one, its steps within a tenth; what would take too long is refused before it is built."""
+    monkeypatch.setattr(pace, "FINE", 16)
+    monkeypatch.setattr(pace, "COARSE", 8)
+    scene = small(rings=20, flight={"duration_s": 2e-3, "spin_up_s": 1e-4, "heat_every": 8})
+
+    def fly(coarse: Scene, folder: Path) -> membrane.Flight:
+        assert coarse.sail.rings == 8
+        return membrane.Flight(coarse, smooth_tables(), folder)
+
+    pace.foresee(scene, fly, tmp_path)
+    said = re.match(r"fig6: ([\d,]+) nodes, ([\d,]+) steps", capsys.readouterr().err)
+    model = membrane.Flight(scene, smooth_tables(), tmp_path / "fine").model
+    count, steps = (int(text.replace(",", "")) for text in said.groups())
+    assert count == model.masses.size
+    assert steps == pytest.approx(model.end, rel=0.1)
+    monkeypatch.setattr(forecast, "LONGEST", 1e-3)
+    with pytest.raises(InputError, match=r"fig6.yaml: flight.duration_s = 0.002: would take .* on this machine \("):
+        pace.foresee(scene, fly, tmp_path)
+    pace.foresee(small(rings=15), fly, tmp_path)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import h5py
 import pytest
 
 from optics.files import run_stage
@@ -86,6 +87,31 @@ def test_missing_tables(refused, tmp_path, module):
     foreign = tmp_path / "foreign.h5"
     foreign.write_text("not HDF5")
     assert refused(module, "--scene", scene, "--tables", str(foreign)).startswith(f"{foreign}: not a readable")
+
+
+@pytest.mark.parametrize("content", ["", "\x89PNG\r\n\x1a\n", "name: mark1e_te\n", "a folder", "a flight"])
+def test_tables_that_are_none(refused, tmp_path, content):
+    path = tmp_path / "table.h5"
+    if content == "a folder":
+        path.mkdir()
+    elif content == "a flight":
+        with h5py.File(path, "w") as file:
+            file["time"], file["position"] = [0.0, 1.0], [[0.0] * 3] * 2
+    else:
+        path.write_text(content, encoding="latin-1")
+    line = refused("dynamics.rigid", "--scene", str(ROOT / "workflow/scenes/fig6.yaml"), "--tables", str(path))
+    assert line.startswith(f"{path}: not a ")
+    assert len(line) < 300
+
+
+def test_the_designs_that_lack_a_table_are_named_with_those_that_have_one(refused, tmp_path):
+    smooth_tables()["mark1e_te"].write(tmp_path / "te.h5")
+    scene = str(ROOT / "workflow/scenes/fig6.yaml")
+    line = refused("dynamics.rigid", "--scene", scene, "--tables", str(tmp_path / "te.h5"))
+    given = f"(given: 'mark1e_te' ({tmp_path}/te.h5)); add its file to --tables"
+    assert line == f"fig6.yaml: sail.sectors: no pressure table of design 'mark1e_tm' {given}"
+    line = refused("dynamics.rigid", "--scene", scene)
+    assert "of design 'mark1e_tm', 'mark1e_te' (given: none)" in line
 
 
 @pytest.mark.parametrize("module", ["dynamics.rigid", "dynamics.membrane"])

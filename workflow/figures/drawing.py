@@ -16,10 +16,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from optics.files import InputError, atomic
+from optics.files import InputError, Stopwatch, atomic, finish
 from optics.hdf5 import read_hdf5
 
 Floats = NDArray[np.float64]
+WATCH = Stopwatch()
 
 # Okabe & Ito's colours, told apart with every kind of colour vision.
 BLUE, ORANGE, GREEN, PURPLE, SKY, RED = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"
@@ -54,6 +55,7 @@ def save(figure: Figure, png: Path, svg: Path) -> None:
     with atomic(svg) as temporary:
         figure.savefig(temporary, format="svg", metadata={"Date": None})
     plt.close(figure)
+    finish(png, WATCH, "drawn, as SVG beside it")
 
 
 def solver(floquet: dict[str, Any]) -> str:

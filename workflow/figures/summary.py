@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from drawing import read_series, solver
 
-from optics.files import atomic, run_stage
+from optics.files import Stopwatch, atomic, finish, run_stage
 from optics.hdf5 import read_hdf5
 from optics.promise import read_promise
 from optics.table import PressureTable
@@ -138,6 +138,7 @@ def _html(table: list[Row]) -> str:
 
 def main() -> None:
     """Write the summary of a run."""
+    watch = Stopwatch()
     parser = argparse.ArgumentParser(description=__doc__)
     for name in ("tables", "floquet", "flights", "benchmarks"):
         parser.add_argument(f"--{name}", nargs="*", default=[], type=Path)
@@ -149,6 +150,7 @@ def main() -> None:
         csv.writer(stream, lineterminator="\n").writerows([COLUMNS, *table])
     with atomic(given.html) as temporary:
         temporary.write_text(_html(table), encoding="utf-8")
+    finish(given.out, watch, f"{len(table)} key numbers, as HTML beside it")
 
 
 if __name__ == "__main__":
