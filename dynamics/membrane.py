@@ -347,9 +347,9 @@ def lit_from_behind(flight: Flight) -> float | None:
 def attributes(flight: Flight, end: End, tables: dict[str, PressureTable]) -> dict[str, Any]:
     """What /series says about the whole flight."""
     model, scene, columns = flight.model, flight.membrane.scene, flight.columns()
-    motion = [columns[name][0] for name in ("time", "position", "velocity")]
+    time, position, velocity = (columns[name][0] for name in ("time", "position", "velocity"))
     return {
-        "neglected": neglected(scene, tables, *motion, lit_from_behind(flight)),
+        "neglected": neglected(scene, tables, time, position, velocity, lit_from_behind(flight)),
         "end_reason": end.reason, "end_time": end.time, "end_position": end.position, "end_detail": end.detail,
         "steps": end.step, "time_step": model.dt, "mass_kg": float(model.masses.sum()),
         "scene": scene.model_dump_json(), "tables": json.dumps(provenance(tables)),
