@@ -83,7 +83,6 @@ class Flight:
         require_mesh(scene)
         self.membrane: Membrane = build(scene, tables)
         self.model = self.membrane.model
-        check_place(scene, np.array(scene.release.offset_m))
         require_series(scene, self.model.dt, self.model.end, folder)
         self.state: State = initial_state(self.membrane)
         self.work: Work = work_space(
@@ -396,6 +395,7 @@ def attributes(flight: Flight, end: End, tables: dict[str, PressureTable]) -> di
 
 def fly(scene: Scene, tables: dict[str, PressureTable]) -> tuple[Flight, End, dict[str, Floats]]:
     """Fly a scene without leaving a file: the flight, its end, and the columns of its series."""
+    check_place(scene, np.array(scene.release.offset_m))
     with tempfile.TemporaryDirectory() as folder:
         flight = Flight(scene, tables, Path(folder))
         end = flight.fly()
@@ -417,6 +417,7 @@ def main() -> None:
         require_own_polarisation(scene, "a flexible flight without reflections.polarisation: tracked")
     tables = load_tables(given.tables, scene)
     check_release(scene, tables)
+    check_place(scene, np.array(scene.release.offset_m))
     if given.plan:
         write_json(given.plan, {name: effect.model_dump() for name, effect in plan(scene).items()})
     check_tilt(scene)

@@ -120,7 +120,9 @@ def main() -> None:
 
     sail = read_scene(arguments.scene).sail
     mesh = sail_mesh(sail)
-    write_mesh(arguments.out, mesh, {"sector": mesh.sector})
+    # Of designs, which only tables know, that which the scene or the library names
+    thickness = np.array([r.properties.thickness_m or np.nan for r in sail.regions])[mesh.sector]
+    write_mesh(arguments.out, mesh, {"sector": mesh.sector, "thickness": thickness})
     finish(arguments.out, arguments.watch, f"{len(mesh.nodes)} nodes, {len(mesh.triangles)} triangles")
 
 

@@ -22,8 +22,8 @@ SNAPSHOTS = 500
 
 Quantity = Literal[
     "outcome", "leaves the beam", "largest distance from the axis", "largest tilt", "peak temperature",
-    "highest temperature of the coldest point", "largest strain", "speed at the end", "x", "y", "z", "temperature_max",
-    "temperature_mean", "strain_max",
+    "highest temperature of the coldest point", "largest strain", "speed at the end", "x", "y", "z",
+    "temperature_max_triangles", "temperature_mean", "strain_max",
 ]
 Outcome = Literal[
     "rides the beam", "leaves the beam", "swings wider and wider", "tips over", "collapses", "tears",

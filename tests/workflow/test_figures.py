@@ -139,6 +139,28 @@ def test_conclusions_say_what_stands_and_what_changes(drawn, tmp_path):
     assert [row["tilted_end"] for row in rows] == ["fly away", "finished"]
 
 
+def test_conclusions_say_what_the_heat_of_the_gratings_does(drawn, tmp_path):
+    study, heat = tmp_path / "study.json", tmp_path / "heat.json"
+    flight = {
+        "absorptance": "table", "in_plane": "mass_equivalent", "intensity_W_m2": 1e9, "emissivity": 0.1,
+        "end": "finished", "time_s": 0.6, "temperature_K": 1251.6, "strain": 1.143e-3, "slack": 0.23,
+        "distance_m": 0.0836, "height_m": 65.0,
+    }
+    heat.write_text(json.dumps({
+        "scene": "fig6", "rings": 12, "taut": 0.01, "flights": [flight], "intensity": {**flight, "intensity_W_m2": 3e8},
+        "emissivity": {**flight, "emissivity": 0.35},
+    }), encoding="utf-8")
+    studies = [_study(kind, 0.5, "fly_away") for kind in ("yaw_blind", "sail_frame")]
+    names = [study.with_name(f"{s['incidence']}.json") for s in studies]
+    for name, one in zip(names, studies, strict=True):
+        name.write_text(json.dumps(one), encoding="utf-8")
+    text = tmp_path / "text.md"
+    drawn("conclusions", "--studies", *names, "--heat", heat, "--csv", tmp_path / "t.csv", "--markdown", text)
+    said = text.read_text(encoding="utf-8")
+    assert "| its gratings | plain film of equal mass | 1 | 0.1 | finished | 1252 | 0.114 | 23 | 83.60 | 65.0" in said
+    assert "taut again (less than 1 % slack) in a beam of 0.3 GW/m², or with an emissivity of 0.35 a face" in said
+
+
 @pytest.fixture(scope="module")
 def basins(results) -> list[Path]:
     """Maps of six releases, with both incidences, of the spinning scene; the first where its other results lie."""

@@ -36,7 +36,7 @@ PANELS = (
     ("largest strain (%)", (("strain_max", 100.0, None),)),
 )
 PEAKS = {"peak temperature": ("temperature (K)", 1.0), "largest strain": ("largest strain (%)", 100.0)}
-ROWS = {"temperature_max": ("temperature (K)", 1.0), "temperature_mean": ("temperature (K)", 1.0),
+ROWS = {"temperature_max_triangles": ("temperature (K)", 1.0), "temperature_mean": ("temperature (K)", 1.0),
         "strain_max": ("largest strain (%)", 100.0)}
 
 
