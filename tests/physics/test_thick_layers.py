@@ -135,7 +135,7 @@ def test_no_layer_gives_light_where_fringes_are_averaged():
 
 
 def test_a_layer_too_thin_for_fringes_cannot_have_them_averaged():
-    with pytest.raises(ValueError, match="must be true below 516.6"):
+    with pytest.raises(ValueError, match=r"must be true below 516\.6"):
         cell([(100.0, 1.5, 0.0)], incoherent=(0,))
 
 
