@@ -25,7 +25,7 @@ from optics.incidence import Floats
 from optics.normal import NormalResponse
 
 CUTOFF = 1e-9  # of a period of a whole number of wavelengths
-COARSER = (0.5, 0.7)  # shares of the orders; errors fall with wiggles, so that one of them may be right by chance
+COARSER = (0.7, 0.85)  # shares of the orders; errors fall with wiggles, so that one of them may be right by chance
 ORDER = 15
 COLUMNS = (
     "q_g", "q_n", "q_g_u", "q_n_u", "absorptance", "q_error", "gradient_error", "absorptance_error", "mean_thickness_m",
@@ -52,9 +52,21 @@ def slopes(cell: Metagrating | LamellarStack, order: int) -> tuple[Floats, Float
     return found.q, np.stack([found.q_dot[0], [0.0, found.absorptance, 0.0]], axis=1)
 
 
-def normal_response(cell: Metagrating | LamellarStack, order: int) -> NormalResponse:
-    """Response of a cell; errors: the largest change of a value, or a slope, from half and 0.7 of the orders."""
+def normal_response(
+    cell: Metagrating | LamellarStack, order: int, half: Metagrating | LamellarStack | None = None
+) -> NormalResponse:
+    """Response of a cell; errors: the largest change of a value, or a slope, from 0.7 and 0.85 of the orders.
+
+    half: a staircase's cell with half the slices; values are then extrapolated, by what the errors grow.
+    """
     q, gradient = slopes(cell, order)
+    if half is not None:
+        # of second order in the thickness of a slice, as in `optics.truncation`
+        steps = [(a - b) / 3 for a, b in zip((q, gradient), slopes(half, order), strict=True)]
+        rest = normal_response(cell, order)
+        return NormalResponse(
+            q + steps[0], gradient + steps[1], rest.q_error + np.abs(steps[0]), rest.gradient_error + np.abs(steps[1])
+        )
     rough = [slopes(cell, int(np.ceil(share * order))) for share in COARSER]
     q_error = np.max([np.abs(q - other) for other, _ in rough]) * np.array([1.0, 0.0, 1.0])
     gradient_error = np.max([np.abs(gradient - other) for _, other in rough], axis=0)
