@@ -19,10 +19,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from dynamics import scene as scenes
+from dynamics.command import finish
 from dynamics.derivatives import Moments, derivatives, moments
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.linear import RESOLUTION, LinearModel, growth, margin
-from optics.files import InputError, atomic, check_out, progress, run_stage
+from optics.files import InputError, Stopwatch, atomic, check_out, progress, run_stage
 
 Floats = NDArray[np.float64]
 
@@ -178,6 +179,7 @@ def read_columns(paths: list[str]) -> pd.DataFrame:
 
 def main() -> None:
     """Screen the members of a family."""
+    watch = Stopwatch()
     parser = argparse.ArgumentParser(prog="python -m dynamics.screening", description=main.__doc__)
     parser.add_argument("--scene", required=True, help="YAML file of the base scene")
     parser.add_argument("--members", required=True, help="Parquet file of the members")
@@ -192,7 +194,7 @@ def main() -> None:
     with atomic(given.out) as temporary:
         screened.to_parquet(temporary, index=False)
     counts = screened["verdict"].value_counts()
-    print(", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
+    finish(given.out, watch, ", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
 
 
 if __name__ == "__main__":

@@ -264,7 +264,7 @@ def _through_layers(
         layers = [modes(layer, over) for layer in stack.patterned]
         stacked = LayerModes(*(np.stack(part) for part in zip(*layers, strict=True)))
         beta2 = np.concatenate([stacked.beta2_s, stacked.beta2_p], axis=1)
-        k_z = square_root(beta2 - v[begin:end, None, None] ** 2)
+        k_z = square_root(np.subtract(beta2, v[begin:end, None, None] ** 2))
         x, part = np.exp(1j * k_z * thickness), slice(begin, end)
         scatter(
             stacked, v[part], k_z, x, front[part], back[part], source[part], negligible, top[part], bottom[part]

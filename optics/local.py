@@ -23,6 +23,7 @@ from optics.derivatives import derivatives
 from optics.files import InputError, atomic, check_out, progress, run_stage, validate
 from optics.incidence import Floats
 from optics.normal import NormalResponse
+from optics.section import cross_section
 
 CUTOFF = 1e-9  # of a period of a whole number of wavelengths
 COARSER = (0.7, 0.85)  # shares of the orders; errors fall with wiggles, so that one of them may be right by chance
@@ -99,7 +100,8 @@ def row(number: int, cell: Metagrating, order: int) -> dict[str, Any]:
         "cell": number, "q_g": found.q[0], "q_n": found.q[2], "q_g_u": found.gradient[0, 0],
         "q_n_u": found.gradient[2, 0], "absorptance": found.gradient[1, 1], "q_error": found.q_error[0],
         "gradient_error": found.gradient_error[0, 0], "absorptance_error": found.gradient_error[1, 1],
-        "mean_thickness_m": cell.mean_thickness_nm * 1e-9, "wavelength_m": cell.wavelength_nm * 1e-9, "order": order,
+        "mean_thickness_m": cross_section(cell.model_dump()).mean_m, "wavelength_m": cell.wavelength_nm * 1e-9,
+        "order": order,
     }
 
 
