@@ -3,7 +3,8 @@
     python -m optics.local --cells cells.jsonl --block 1/8 --out block1.parquet
 
 Each line of the cells is a metagrating as JSON. A block takes every n-th of them, so that blocks take equally long. One
-row a cell: its number, q and ∂q/∂u of the components g and n, their errors, absorptance and the mean thickness.
+row a cell: its number, q and ∂q/∂u of the components g and n, their errors, absorptance and the mean thickness, and
+whether so many orders resolve it: false where fields have no limit (`optics.limit`) or q errs by over 0.05.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from optics.cells import LamellarStack, Metagrating, as_stack
 from optics.derivatives import derivatives
 from optics.files import InputError, atomic, check_out, progress, run_stage, validate
 from optics.incidence import Floats
+from optics.limit import without_limit
 from optics.normal import NormalResponse
 from optics.section import cross_section
 
@@ -32,7 +34,10 @@ COLUMNS = (
     "q_g", "q_n", "q_g_u", "q_n_u", "absorptance", "q_error", "gradient_error", "absorptance_error", "mean_thickness_m",
     "wavelength_m",
 )
-SCHEMA = pa.schema([("cell", pa.int64()), *((name, pa.float64()) for name in COLUMNS), ("order", pa.int64())])
+SCHEMA = pa.schema([
+    ("cell", pa.int64()), *((name, pa.float64()) for name in COLUMNS), ("order", pa.int64()), ("resolved", pa.bool_()),
+])
+UNRESOLVED = 0.05  # error of q from which on its slopes and their errors mean nothing
 
 
 def _at_cutoff(pitch: float, index: float) -> bool:
@@ -101,7 +106,7 @@ def row(number: int, cell: Metagrating, order: int) -> dict[str, Any]:
         "q_n_u": found.gradient[2, 0], "absorptance": found.gradient[1, 1], "q_error": found.q_error[0],
         "gradient_error": found.gradient_error[0, 0], "absorptance_error": found.gradient_error[1, 1],
         "mean_thickness_m": cross_section(cell.model_dump()).mean_m, "wavelength_m": cell.wavelength_nm * 1e-9,
-        "order": order,
+        "order": order, "resolved": bool(found.q_error[0] <= UNRESOLVED) and not without_limit(cell),
     }
 
 

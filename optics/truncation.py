@@ -33,7 +33,7 @@ from optics.scattering import NEGLIGIBLE
 
 LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 90, 110, 135, 165, 200, 245, 300)
 # Beyond this a ladder only goes where orders that run need it.
-_HIGHEST = 150
+_HIGHEST = 100
 _BELOW = (5, 6)  # coarser than the ladder, to compare with
 SLICES = (8, 16, 32, 64, 128, 256)
 # How many orders it takes shows with few slices, which cost little.
