@@ -8,11 +8,16 @@ from optics.files import InputError, check_out
 
 
 def table_arguments(
-    module: str, description: str, tolerance: float, u_max: float, v_max: bool = True
+    module: str, description: str, tolerance: float, u_max: float, v_max: bool = True, most_minutes: float | None = None
 ) -> argparse.Namespace:
     """Checked arguments of `python -m module`, those of `add_table_arguments`; the numbers are defaults."""
     parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
     add_table_arguments(parser, tolerance, u_max, v_max)
+    if most_minutes is not None:
+        parser.add_argument(
+            "--most-minutes", type=float, default=most_minutes,
+            help="refuse a table that is forecast to take more CPU time (default %(default)s)",
+        )
     return checked(parser.parse_args())
 
 
