@@ -136,7 +136,11 @@ def _density(scene: scenes.Scene, group: int) -> float:
 
 
 def screen(scene: scenes.Scene, members: pd.DataFrame, cells: pd.DataFrame) -> pd.DataFrame:
-    """Members with all that is found out about them; 'impossible' where a cell is none or has no derivative."""
+    """Members with all that is found out about them.
+
+    'impossible' where a cell is none or has no derivative, 'unresolved' where its orders did not resolve it: then
+    neither its numbers nor their errors decide anything, and it is never ranked.
+    """
     known = cells.dropna().set_index("cell").sort_index()
     numbers = members[[f"{group}_cell" for group in GROUPS]]
     missing = set(np.unique(numbers)) - set(cells["cell"]) - {-1}
@@ -146,7 +150,9 @@ def screen(scene: scenes.Scene, members: pd.DataFrame, cells: pd.DataFrame) -> p
     chunks = [possible.iloc[i : i + CHUNK] for i in range(0, len(possible), CHUNK)]
     found = [assess(scene, chunk, known) for chunk in progress(chunks, "screening", unit="chunk")]
     out = members.join(pd.concat(found)) if found else members.assign(verdict="impossible")
-    return out.assign(verdict=out["verdict"].fillna("impossible"))
+    resolved = numbers.isin(cells.loc[cells["resolved"], "cell"]).all(axis=1)
+    verdict = out["verdict"].fillna("impossible")
+    return out.assign(verdict=verdict.where(resolved | (verdict == "impossible"), "unresolved"))
 
 
 def rank(screened: pd.DataFrame, by: str, at_least: list[str]) -> pd.DataFrame:

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from optics.cells import LamellarStack, Metagrating, as_stack, is_coherent
 from optics.command import check_range, table_arguments
 from optics.files import Stopwatch, run_stage, versions
+from optics.forecast import MOST_MINUTES, announce, forecast
 from optics.incidence import Floats, worst_polarisation
 from optics.incidence import cutoffs as rayleigh_cutoffs
 from optics.lamellar import Response as Response
@@ -18,12 +19,12 @@ from optics.lamellar import solve as solve
 from optics.local import normal_response
 from optics.membranes import check_fringes
 from optics.normal import ATTRIBUTE
-from optics.outline import SLICES, polygons, read_grating, upright
+from optics.outline import Grating, polygons, read_grating
 from optics.promise import finish, promised
 from optics.refinement import Refined, first_lines, refine, start
 from optics.strips import Curves, breaks, rayleigh_curves
 from optics.table import PARITY, STOKES_PARITY, Cutoffs, PressureTable
-from optics.truncation import choose_order, order_error
+from optics.truncation import Chosen, Forces, choose
 
 # Modes that reach the far side of their layer with less than this share of the tolerance are left out there.
 _NEGLIGIBLE = 1e-2
@@ -69,14 +70,8 @@ def window_curves(cell: Metagrating | LamellarStack, u_max: float, v_max: float)
     return rayleigh_curves(cell.pitch, indices, -u_max, u_max, v_max)
 
 
-def choose_nodes(
-    cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float, order: int
-) -> Refined:
-    """Directions at which interpolation meets `tolerance`, solved with the given `order`."""
-
-    def response(u: Floats, v: Floats) -> Floats:
-        return _quantities(solve(cell, u, v, order, _NEGLIGIBLE * tolerance))
-
+def first_directions(cell: Metagrating | LamellarStack, u_max: float, v_max: float) -> tuple[Curves, Floats, Floats]:
+    """Cut-offs, rows u and lines v that a table begins with."""
     curves = window_curves(cell, u_max, v_max)
     u = np.linspace(-u_max, u_max, max(_FEWEST_ROWS, 1 + 2 * int(np.ceil(u_max / _FIRST_STEP))))
     # Strips between neighbouring cut-offs may be narrower than the rows are apart: they get rows of their own.
@@ -84,48 +79,70 @@ def choose_nodes(
     within = np.concatenate([edges[:-1] + share * np.diff(edges) for share in (0.25, 0.5, 0.75)])
     u = np.unique(np.concatenate([u, within[np.abs(within) < u_max]]))
     lines = max(_FEWEST_LINES, int(np.ceil(v_max**2 / _FIRST_STEP)))
-    v = first_lines(breaks(curves, -u_max, u_max, v_max), lines)
+    return curves, u, first_lines(breaks(curves, -u_max, u_max, v_max), lines)
+
+
+def choose_nodes(
+    chosen: Chosen, u_max: float, v_max: float, tolerance: float, most_minutes: float = MOST_MINUTES
+) -> Refined:
+    """Directions at which interpolation meets `tolerance`, solved with the orders and slices chosen.
+
+    InputError where that is forecast to take longer than `most_minutes`.
+    """
+    cell = chosen.cell
+
+    def response(u: Floats, v: Floats) -> Floats:
+        return _quantities(chosen.solve(u, v, _NEGLIGIBLE * tolerance))
+
+    curves, u, v = first_directions(cell, u_max, v_max)
+    layers = len(cell.layers) if isinstance(cell, LamellarStack) else 2
+    announce(forecast(response, u, v, len(curves), chosen.order, layers), cell.name, most_minutes)
     parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
     samples = start(response, curves, u, v, parity, _OWN)
     return refine(samples, tolerance, [_own_error, _error_in_any], f"modal {cell.name}")
 
 
-def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float) -> PressureTable:
-    """Pressure table over |u| ≤ u_max, |v| ≤ v_max, its orders and directions chosen for an error near `tolerance`."""
+def make_table(
+    cell: Grating, u_max: float, v_max: float, tolerance: float, most_minutes: float = MOST_MINUTES
+) -> PressureTable:
+    """Pressure table over |u| ≤ u_max, |v| ≤ v_max; its orders, slices and directions follow from `tolerance`.
+
+    InputError where it is forecast to take longer than `most_minutes`.
+    """
     watch = Stopwatch()
     check_fringes(cell, u_max, v_max, tolerance)
-    order = choose_order(cell, np.linspace(-u_max, u_max, 24), v_max * np.array([0.0, 0.5, 1.0]), tolerance)
-    refined = choose_nodes(cell, u_max, v_max, tolerance, order)
+    chosen = choose(cell, u_max, v_max, tolerance)
+    refined = choose_nodes(chosen, u_max, v_max, tolerance, most_minutes)
     found = refined.samples
     q, absorptance, q_stokes, absorptance_stokes = _apart(found.nodes)
-    nodes = np.moveaxis(q, 0, -1), np.moveaxis(q_stokes, (0, 1), (-2, -1))
-    error, error_stokes = refined.errors + order_error(cell, found.u, found.v, order, *nodes)
+    nodes = Forces(np.moveaxis(q, 0, -1), np.moveaxis(q_stokes, (0, 1), (-2, -1)))
+    error, error_stokes = refined.errors + chosen.errors(found.u, found.v, nodes, _NEGLIGIBLE * tolerance)
     cutoffs = Cutoffs(found.curves, *_apart(found.on_curves)) if len(found.curves) else None
     around = cell.surroundings
     lossless = around.back_k == 0 and all(epsilon.imag == 0 for _, epsilon in polygons(cell))
     grazing = {x for n in (around.front, around.back) for x in rayleigh_cutoffs(cell.pitch, u_max, index=n)}
     attrs = {
         "name": cell.name, "solver": "modal", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
-        "settings": {"u_max": u_max, "v_max": v_max, "tolerance": tolerance, "orders": order},
+        "settings": {"u_max": u_max, "v_max": v_max, "tolerance": tolerance, **chosen.settings},
         "cutoffs": sorted(grazing),
         "energy_imbalance": float(np.abs(absorptance).max() if lossless else max(0.0, -absorptance.min())),
-        **({ATTRIBUTE: normal_response(cell, order).as_dict()} if is_coherent(cell) else {}),
+        **({ATTRIBUTE: normal_response(chosen.cell, chosen.order, chosen.half).as_dict()} if is_coherent(cell) else {}),
         "cpu_seconds": watch.cpu_seconds, "versions": versions("numpy", "scipy"),
     }
     table = PressureTable(
         found.u, found.v, q, absorptance, error, True, False, attrs, cutoffs, q_stokes, absorptance_stokes, error_stokes
     )
-    return promised(table, tolerance)
+    return promised(table, tolerance, chosen.reasons)
 
 
 def main() -> None:
     """Command line: see the module docstring."""
     what = "Pressure table of a grating by the Fourier modal method"
-    arguments = table_arguments("optics.modal", what, 1e-4, 0.4227, slices=SLICES)
-    cell = upright(read_grating(arguments.cell, arguments.wavelength_nm), arguments.slices)
+    arguments = table_arguments("optics.modal", what, 1e-4, 0.4227, most_minutes=MOST_MINUTES)
+    cell = read_grating(arguments.cell, arguments.wavelength_nm)
     check_range(cell.surroundings.front, arguments.u_max, arguments.v_max)
     with threadpool_limits(1):
-        table = make_table(cell, arguments.u_max, arguments.v_max, arguments.tolerance)
+        table = make_table(cell, arguments.u_max, arguments.v_max, arguments.tolerance, arguments.most_minutes)
     finish(table, arguments.out, arguments.accept_missed)
 
 
