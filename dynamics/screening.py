@@ -139,7 +139,11 @@ def _density(scene: scenes.Scene, group: int) -> float:
 
 
 def screen(scene: scenes.Scene, members: pd.DataFrame, cells: pd.DataFrame) -> pd.DataFrame:
-    """Members with all that is found out about them; 'impossible' where a cell is none or has no derivative."""
+    """Members with all that is found out about them.
+
+    'impossible' where a cell is none or has no derivative, 'unresolved' where its orders did not resolve it: then
+    neither its numbers nor their errors decide anything, and it is never ranked.
+    """
     known = cells.dropna().set_index("cell").sort_index()
     numbers = members[[f"{group}_cell" for group in GROUPS]]
     missing = set(np.unique(numbers)) - set(cells["cell"]) - {-1}
@@ -151,7 +155,9 @@ def screen(scene: scenes.Scene, members: pd.DataFrame, cells: pd.DataFrame) -> p
         say_members(scene, len(possible), _trial(scene, possible, known) * len(possible))
     found = [assess(scene, chunk, known) for chunk in progress(chunks, "screening", unit="chunk")]
     out = members.join(pd.concat(found)) if found else members.assign(verdict="impossible")
-    return out.assign(verdict=out["verdict"].fillna("impossible"))
+    resolved = numbers.isin(cells.loc[cells["resolved"], "cell"]).all(axis=1)
+    verdict = out["verdict"].fillna("impossible")
+    return out.assign(verdict=verdict.where(resolved | (verdict == "impossible"), "unresolved"))
 
 
 def _trial(scene: scenes.Scene, members: pd.DataFrame, known: pd.DataFrame) -> float:

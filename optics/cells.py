@@ -101,6 +101,8 @@ class Metagrating(_Periodic):
                 f"corner_radius_nm = {self.corner_radius_nm:g}: must be at most {most:g}, the height of the ridges and "
                 "half their width"
             )
+        if not self.membrane_coherent:
+            _check_averaged("membrane_coherent", self.membrane_nm, self.index, self.wavelength_nm)
         if self.corner_radius_nm > 0 and not self.membrane_coherent:
             raise ValueError(
                 f"membrane_coherent = false with corner_radius_nm = {self.corner_radius_nm:g}: must be true; or give "
@@ -117,6 +119,15 @@ class Metagrating(_Periodic):
     def mean_thickness_nm(self) -> float:
         """Thickness of the plain film of equal mass, in nm."""
         return 1e9 * cross_section(self.model_dump()).mean_m
+
+
+def _check_averaged(where: str, thickness_nm: float, index: Index, wavelength_nm: float) -> None:
+    """ValueError for a layer too thin to have fringes that could be averaged."""
+    if thickness_nm * index.n < wavelength_nm / 2:
+        raise ValueError(
+            f"{where} = false with a thickness of {thickness_nm:g} nm: must be true below "
+            f"{wavelength_nm / index.n / 2:g}, half a wavelength within"
+        )
 
 
 class Layer(Strict):
@@ -139,6 +150,13 @@ class ThinFilm(Strict):
     polarisation: Literal["s", "p", "mean"] = "mean"
     layers: Annotated[list[Layer], Field(min_length=1)]
     surroundings: Surroundings = Surroundings()
+
+    @model_validator(mode="after")
+    def _averaged_are_thick(self) -> ThinFilm:
+        for i, layer in enumerate(self.layers):
+            if not layer.coherent:
+                _check_averaged(f"layers[{i}].coherent", layer.thickness_nm, layer.index, self.wavelength_nm)
+        return self
 
 
 class Ridge(Strict):
@@ -175,6 +193,8 @@ class LamellarStack(_Periodic):
             end = 0.0
             if layer.ridges and not layer.coherent:
                 raise ValueError(f"layers[{i}].coherent = false: must be true for a layer with ridges")
+            if not layer.coherent:
+                _check_averaged(f"layers[{i}].coherent", layer.thickness_nm, layer.index, self.wavelength_nm)
             for j, ridge in enumerate(layer.ridges):
                 where = f"layers[{i}].ridges[{j}]"
                 if ridge.start_nm < end - near:

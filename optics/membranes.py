@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from optics.cells import LamellarStack, Metagrating, as_stack
+from optics.cells import LamellarStack, Metagrating, Profile, as_stack
 from optics.files import InputError
 from optics.incidence import Floats
 from optics.lamellar import solve
+from optics.outline import Grating, upright
 
 # What a table holds at most (`optics.refinement`).
 MOST_ROWS, MOST_LINES = 600, 160
@@ -44,9 +45,18 @@ def _height(stack: LamellarStack, i: int, u_max: float, v_max: float) -> float:
     return float(np.abs(np.array(q) - np.mean(q, axis=0)).max())
 
 
-def check_fringes(cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float) -> None:
+def _names(cell: Grating, i: int) -> tuple[str, str]:
+    """The field that holds the thickness of a layer, and how its fringes are averaged."""
+    if isinstance(cell, Metagrating):
+        return "membrane_nm", "set membrane_coherent: false to average them"
+    if isinstance(cell, Profile):
+        return f"layer {i} of its staircase, thickness in nm", "give it as kind: lamellar with coherent: false"
+    return f"layers[{i}].thickness_nm", "set its coherent: false to average them"
+
+
+def check_fringes(cell: Grating, u_max: float, v_max: float, tolerance: float) -> None:
     """InputError where a layer's fringes are too fine for any table and higher than the tolerance; in a second."""
-    stack = as_stack(cell)
+    stack = as_stack(upright(cell))
     u, v = np.linspace(-u_max, u_max, _GRID), np.linspace(0.0, v_max, _GRID)
     for i, layer in enumerate(stack.layers):
         if layer.ridges or not layer.coherent:
@@ -57,10 +67,9 @@ def check_fringes(cell: Metagrating | LamellarStack, u_max: float, v_max: float,
         decay = np.exp(-4 * np.pi * layer.index.k * layer.thickness_nm / stack.wavelength_nm)
         if excess <= 1 or decay <= tolerance or _height(stack, i, u_max, v_max) <= tolerance:
             continue
-        own = isinstance(cell, Metagrating)
-        field, cure = ("membrane_nm", "membrane_coherent") if own else (f"layers[{i}].thickness_nm", "its coherent")
+        field, cure = _names(cell, i)
         raise InputError(
             f"{cell.name}: {field} = {layer.thickness_nm:g}: makes {halves * along_u:.0f} fringes along u and "
             f"{halves * along_v:.0f} along v, more than {MOST_ROWS} × {MOST_LINES} directions hold; must be at most "
-            f"{layer.thickness_nm / excess:.3g}, or set {cure}: false to average them, or narrow --u-max and --v-max"
+            f"{layer.thickness_nm / excess:.3g}, or {cure}, or narrow --u-max and --v-max"
         )

@@ -30,6 +30,8 @@ from optics.table import PressureTable
 P_SHARE = {"s": 0.0, "p": 1.0, "mean": 0.5}
 # A film is sampled from this many nodes on: a resonance as wide as half their distance cannot fall between them.
 _NODES = 33
+# Errors between the places where `refine` looks are at most so much larger (by 0.08 in 150 random films).
+_BETWEEN = 1.25
 
 
 @dataclass(frozen=True)
@@ -207,8 +209,12 @@ def make_table(cell: ThinFilm, s_max: float, tolerance: float) -> PressureTable:
         values = [q, taken(own.index, found)[:, None], *([] if fields is None else [fields.T])]
         return np.concatenate(values, axis=1)
 
-    found = refine(response, np.linspace(0.0, s_max, _NODES), tolerance, 1e-5)
-    sampled = is_smooth(own, s_max) and not found.missed_because
+    for share in (1.0, 1.0 / _BETWEEN):
+        found = refine(response, np.linspace(0.0, s_max, _NODES), share * tolerance, 1e-5)
+        error = _BETWEEN * found.error[:, :4].max(axis=1)
+        if error.max() <= tolerance:
+            break
+    sampled = is_smooth(own, s_max) and not found.missed_because and bool(error.max() <= tolerance)
     s = found.nodes
     values, light = response(s).T[..., None], solve(cell, s)
     rounding = fringes(own, s).rounding
@@ -220,7 +226,7 @@ def make_table(cell: ThinFilm, s_max: float, tolerance: float) -> PressureTable:
         "versions": versions("numpy", "scipy"),
     }
     # Closed form: what error there is comes from interpolation and rounding.
-    error = rounding + (found.error[:, :4].max(axis=1) if sampled else 0.0)
+    error = rounding + (error if sampled else 0.0)
     table = PressureTable(
         s, np.zeros(1), values[:3], values[3], error[:, None], axisymmetric=True, attrs=attrs,
         amplitudes=values[4:] if len(values) > 4 else None, film=None if sampled else own,

@@ -25,6 +25,7 @@ Crossing = tuple[complex, float, float, complex]  # see _crossing
 # Of a wave of power 1 that meets a part of the stack: power reflected, sent on, lost in the part, and what the part
 # takes beyond 1 − reflected: in an absorbing medium the reflected wave interferes with the other one.
 Powers = tuple[float, float, float, float]
+_RUNS = 10.0  # a wave runs if its phase grows this many times as fast as it decays
 RESCALE_EVERY = 8  # layers: even contrasts of 1e9 a layer stay far from overflow
 
 
@@ -155,12 +156,13 @@ def _powers(light: Light, y: complex) -> Powers:
 def _parting(index: Complexes, coherent: Flags, s: float, last: int) -> int:
     """The last medium before `last` in which powers, not fields, are followed: 0 is that in front.
 
-    A wave that decays faster than it runs makes no fringes: its layer is crossed as a coherent one.
+    A wave that decays within some wavelengths makes no fringes, and the power of two such waves that run to and fro is
+    not the sum of theirs: its layer is crossed as a coherent one.
     """
     for i in range(last - 1, 0, -1):
         if not coherent[i - 1]:
             k_z = normal(index[i], s)
-            if k_z.real > k_z.imag:
+            if k_z.real > _RUNS * k_z.imag:
                 return i
     return 0
 

@@ -16,7 +16,7 @@ def many_cells(n: int) -> pd.DataFrame:
     rows = np.stack([te, tm] * n) * random.uniform(0.3, 1.7, (2 * n, 5))
     rows[3, 2:4] = np.nan
     frame = pd.DataFrame(rows, columns=list(screening.NUMBERS)).assign(
-        cell=np.arange(2 * n), q_error=1e-4, gradient_error=1e-3, absorptance_error=1e-9,
+        cell=np.arange(2 * n), q_error=1e-4, gradient_error=1e-3, absorptance_error=1e-9, resolved=True,
     )
     return frame.assign(mean_thickness_m=np.where(frame["cell"] % 2, 1240e-9 / 3, 400e-9))
 

@@ -38,6 +38,7 @@ GAP = cell([(1e5, 1.0, 0.0), (30.0, 0.2, 6.0)], "mean", back=1.5)
 TUNNEL = cell([(1500, 1.0, 0.0), (300, 2.0, 1e-6), (1500, 1.0, 0.0)], "mean", 1.9, 1.9)
 PLASMON = cell([(55, 0.0562, 4.2776)], "p", 1.515, wavelength=633.0)
 CAVITY = cell([QUARTER[x] for x in "HL" * 10] + [(1.02 * 1550 / 2 / 1.45, 1.45, 0.0)] + [QUARTER[x] for x in "LH" * 10])
+MATERIALS = [(3.05, 3.39), (1.7, 0.3), (0.26, 6.97), (3.5, 0.1), (2.4, 0.0)]
 NARROW = [TUNNEL, PLASMON, CAVITY]
 
 
@@ -104,6 +105,38 @@ def test_thin_films_are_sampled_and_thick_ones_are_not():
     assert make_table(cell([(400, 2.0, 0.0)]), 0.9, 1e-6).film is None
     for of in (GLASS, PLATE, *NARROW):
         assert make_table(of, 0.98 * of.surroundings.front, 1e-6).film is not None
+
+
+def test_sampled_films_state_an_error_that_covers_theirs():
+    """Of layers of metals, absorbers and dielectrics, at sines that no node or test place holds."""
+    rng = np.random.default_rng(3)
+    for _ in range(25):
+        layers = [(10 ** rng.uniform(0.5, 3.0), *rng.choice(MATERIALS)) for _ in range(rng.integers(1, 4))]
+        of = cell(layers, str(rng.choice(["s", "p", "mean"])))
+        table, s = make_table(of, 0.999, 1e-6), rng.uniform(0, 0.999, 400)
+        at = np.clip(np.searchsorted(table.u, s), 1, table.u.size - 1)
+        stated = np.maximum(table.error[at, 0], table.error[at - 1, 0])
+        assert np.all(np.abs(table.q(s, 0.0) - pressure(of, s)[0]).max(axis=1) <= stated)
+        assert table.attrs["tolerance_met"] == 1
+
+
+def test_no_layer_gives_light_where_fringes_are_averaged():
+    """Also beside the critical angle of a weak absorber, where the waves to and fro interfere more than they run."""
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        n, k, front = rng.uniform(1.1, 2), 10 ** rng.uniform(-6, -1), float(rng.choice([1.0, 1.5, 1.9]))
+        s = np.linspace(0.0, 0.9999 * front, 400)
+        s = np.sort(np.concatenate([s, np.clip(n + np.linspace(-0.02, 0.02, 100), 0.0, front)]))
+        back = rng.choice([1.0, 1.3, 2.0, 0.2 + 5j])
+        for share in (0.0, 1.0):
+            light = stack([front, n + 1j * k, back], [rng.uniform(0.5, 10)], 1.0, s, share, False)
+            assert light.absorptance.min() >= 0
+            assert np.abs(light.imbalance).max() < 1e-12
+
+
+def test_a_layer_too_thin_for_fringes_cannot_have_them_averaged():
+    with pytest.raises(ValueError, match=r"must be true below 516\.6"):
+        cell([(100.0, 1.5, 0.0)], incoherent=(0,))
 
 
 def test_a_table_that_holds_the_stack_comes_back_from_its_file(tmp_path):

@@ -79,6 +79,20 @@ def test_rank_counts_survivors_the_eligible_first_and_failures_not_at_all():
     assert screening.rank(screened, "thrust_N", [])["rank"].tolist() == [1, -1, 2, -1, 0]
 
 
+def test_members_of_a_cell_without_a_limit_are_unresolved_and_never_ranked():
+    """Whatever its numbers and errors say: R = 0.23, 1.00, 0.77, 0.37, 0.90 at 20, 21, 40, 80, 150 orders."""
+    members, cells = many_members(6), many_cells(6)
+    before = screening.rank(screening.screen(FIG6, members, cells), "margin_1_s", [])
+    loser = 0
+    cells.loc[cells["cell"] == loser, "resolved"] = False
+    after = screening.rank(screening.screen(FIG6, members, cells), "margin_1_s", [])
+    touched = after["te_cell"] == loser
+    assert set(after["verdict"][touched]) <= {"unresolved", "impossible"}
+    assert (after["verdict"][touched] == "unresolved").sum() == 5
+    assert (after["rank"][touched] == -1).all()
+    assert (after["verdict"][~touched] == before["verdict"][~touched]).all()
+
+
 def test_a_missing_block_is_refused():
     with pytest.raises(InputError, match="--cells: cell 2 is missing; give every block of the family's cells"):
         screening.screen(FIG6, many_members(2), many_cells(2).drop(index=2))
