@@ -21,7 +21,8 @@ from optics.narrow import FINER, are_there, enough_orders, refine_with_resonance
 from optics.normal import ATTRIBUTE
 from optics.outline import SLICES, polygons, read_grating, upright
 from optics.promise import finish, promised
-from optics.refinement import Refined, Solve, first_lines, refine, start
+from optics.refinement import Refined, first_lines, refine
+from optics.samples import Solve, start
 from optics.strips import Curves, breaks, rayleigh_curves
 from optics.table import PARITY, STOKES_PARITY, Cutoffs, PressureTable
 from optics.truncation import choose_order, order_error

@@ -11,8 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from optics.rational import Complexes
-from optics.refinement import Measures, Refined, Samples, Solve, refine, together
+from optics.refinement import Measures, Refined, refine, together
 from optics.resonances import Along, LinePoles, find_poles
+from optics.samples import Samples, Solve
 from optics.strips import Curves, Floats
 from optics.tracks import Followed, Resonances, difference, follow
 from optics.verification import beside_poles, raise_beside
