@@ -22,6 +22,7 @@ from optics.normal import ATTRIBUTE
 from optics.outline import SLICES, polygons, read_grating, upright
 from optics.promise import finish, promised
 from optics.refinement import Refined, first_lines, refine
+from optics.resonances import Window
 from optics.samples import Solve, start
 from optics.strips import Curves, breaks, rayleigh_curves
 from optics.table import PARITY, STOKES_PARITY, Cutoffs, PressureTable
@@ -29,6 +30,7 @@ from optics.truncation import choose_order, order_error
 
 # Modes that reach the far side of their layer with less than this share of the tolerance are left out there.
 _NEGLIGIBLE, _NOISE = 1e-2, 1e-5
+_BEYOND = 0.05  # resonances whose u is further outside of a table than this are not felt within
 _MOST_ORDERS = 60  # for the sake of resonances
 _MARGIN = 3  # orders beyond those that run within the layers, to see whether there are resonances
 # The first rows in u and lines in v² are no further apart: narrower resonances may be missed.
@@ -69,6 +71,12 @@ def window_curves(cell: Metagrating | LamellarStack, u_max: float, v_max: float)
     return rayleigh_curves(cell.pitch, indices, -u_max, u_max, v_max)
 
 
+def resonance_window(cell: Metagrating | LamellarStack, u_max: float, v_max: float) -> Window:
+    """Where resonances are looked for: somewhat beyond the table."""
+    reach = min(_BEYOND, 0.9 * (float(np.sqrt(cell.surroundings.front**2 - v_max**2)) - u_max))
+    return Window(-u_max, u_max, reach, window_curves(cell, u_max + reach, v_max))
+
+
 def choose_nodes(
     cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float, order: int
 ) -> tuple[int, Refined]:
@@ -91,14 +99,14 @@ def choose_nodes(
     v = first_lines(breaks(curves, -u_max, u_max, v_max), lines)
     parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
     name, measures = f"modal {cell.name}", (_own_error, _error_in_any)
-    samples = start(solver(order), curves, u, v, parity, _OWN)
-    if not are_there(solver(min(order, _guided(cell, u_max) + _MARGIN)), samples, curves, tolerance):
+    samples, window = start(solver(order), curves, u, v, parity, _OWN), resonance_window(cell, u_max, v_max)
+    if not are_there(solver(min(order, _guided(cell, u_max) + _MARGIN)), samples, window, tolerance):
         return order, refine(samples, tolerance, measures, name)
-    enough = enough_orders(solver, order, _MOST_ORDERS, samples, curves, tolerance)
+    enough = enough_orders(solver, order, _MOST_ORDERS, samples, window, tolerance)
     if enough > order:
         samples = start(solver(enough), curves, u, v, parity, _OWN)
     finer = solver(int(np.ceil(FINER * enough)))
-    return enough, refine_with_resonances(samples, curves, finer, tolerance, measures, name)
+    return enough, refine_with_resonances(samples, window, finer, tolerance, measures, name)
 
 
 def _guided(cell: Metagrating | LamellarStack, u_max: float) -> int:

