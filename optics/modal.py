@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from optics.absorption import imbalance
 from optics.cells import LamellarStack, Metagrating
 from optics.command import check_range, table_arguments
 from optics.files import Stopwatch, run_stage, versions
@@ -114,13 +115,14 @@ def make_table(
     cutoffs = Cutoffs(found.curves, *_apart(found.on_curves)) if len(found.curves) else None
     around = cell.surroundings
     lossless = around.back_k == 0 and all(epsilon.imag == 0 for _, epsilon in polygons(cell))
+    few = u_max * np.array([-0.7, 0.013, 0.4]), v_max * np.array([0.5, 0.02, 0.9])
+    lost = float(np.abs(absorptance).max()) if lossless else imbalance(chosen.cell, *few, chosen.order)
     grazing = {x for n in (around.front, around.back) for x in rayleigh_cutoffs(cell.pitch, u_max, index=n)}
     attrs = {
         "name": cell.name, "solver": "modal", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
         "settings": {"u_max": u_max, "v_max": v_max, "tolerance": tolerance, **chosen.settings},
         "cutoffs": sorted(grazing),
-        "energy_imbalance": float(np.abs(absorptance).max() if lossless else max(0.0, -absorptance.min())),
-        ATTRIBUTE: normal_response(chosen.cell, chosen.order, chosen.half).as_dict(),
+        "energy_imbalance": lost, ATTRIBUTE: normal_response(chosen.cell, chosen.order, chosen.half).as_dict(),
         "cpu_seconds": watch.cpu_seconds, "versions": versions("numpy", "scipy"),
     }
     table = PressureTable(
