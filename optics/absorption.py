@@ -33,7 +33,9 @@ def _one(cell: Metagrating | LamellarStack, u: float, v: float, order: int) -> F
         _matrix(blocks((1 - y) / (1 + y), u_m, vs)[0])
         for y in (half_space(u_m, vs, e)[1] for e in (complex(stack.front_index) ** 2, stack.back))
     )
-    rho, tops, bounces = back, [], []
+    rho = back
+    tops: list[Complexes] = []
+    bounces: list[Complexes] = []
     for plus, minus, x, *_ in reversed(waves):
         bounce = np.linalg.solve(plus - rho @ minus, (rho @ plus - minus) * x)
         top = plus + minus @ (x[:, None] * bounce)
