@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from dynamics import scene as scenes
-from dynamics.command import stage_arguments
+from dynamics.command import finish, stage_arguments
 from dynamics.kernels import flight as kernel
 from dynamics.rigid import REASONS, terms_of
 from dynamics.rigid_body import RigidBody, rigid_body
@@ -46,11 +47,11 @@ class Grid(Strict):
     """Releases of a map: offsets along one direction from the axis, tilts of the normal towards another.
 
     Tilt t towards direction γ is pitch = t cos γ, roll = t sin γ; the paper's releases lie on both directions at 45°.
-    Negative offsets would repeat what negative tilts show. limit_m: distance from the axis that counts as lost; null
-    for the radius of the beam.
+    Negative offsets would repeat what negative tilts show. offsets_m: null for up to nine tenths of the radius of the
+    beam. limit_m: distance from the axis that counts as lost; null for the radius of the beam.
     """
 
-    offsets_m: Range = [0.0, 0.36]
+    offsets_m: Range | None = None
     n_offsets: Count = 25
     tilts_deg: Range = [-8.0, 8.0]
     n_tilts: Count = 41
@@ -60,10 +61,15 @@ class Grid(Strict):
     tolerance: Annotated[float, Field(gt=0, le=1e-2)] = 1e-9
     limit_m: Positive | None = None
 
+    def over(self, beam: scenes.Beam) -> Grid:
+        """The grid with the offsets that suit a beam, where it leaves them open."""
+        return self if self.offsets_m else self.model_copy(update={"offsets_m": [0.0, 9.0 * beam.radius_m / 10.0]})
+
     @property
     def offsets(self) -> Floats:
-        """Offsets (n_offsets,) in m."""
-        return np.linspace(self.offsets_m[0], self.offsets_m[1], self.n_offsets)
+        """Offsets (n_offsets,) in m of a grid that has them."""
+        first, last = self.offsets_m or (math.nan, math.nan)
+        return np.linspace(first, last, self.n_offsets)
 
     @property
     def tilts(self) -> Floats:
@@ -207,7 +213,7 @@ def main() -> None:
     scene = scenes.read_scene(arguments.scene)
     if arguments.incidence:
         scene = scene.model_copy(update={"incidence": arguments.incidence})
-    grid = read_model(arguments.grid, Grid) if arguments.grid else Grid()
+    grid = (read_model(arguments.grid, Grid) if arguments.grid else Grid()).over(scene.beam)
     tables = load_tables(arguments.tables, scene)
     if arguments.parts:
         basin = merge(arguments.parts, scene, tables, grid)
@@ -215,7 +221,10 @@ def main() -> None:
         basin = fly_cells(scene, tables, grid, block_cells(grid, _block(arguments.block)))
     write(arguments.out, basin, scene, tables, grid)
     bounded = int((basin.columns["end_code"] == kernel.FINISHED).sum())
-    print(f"{scene.name}: {bounded} of {basin.cells.size} flights bounded, {basin.cpu_seconds:.3g} s of one core")
+    finish(
+        arguments.out, arguments.watch,
+        f"{bounded} of {basin.cells.size} flights bounded, flown in {basin.cpu_seconds:.3g} s of one core",
+    )
 
 
 if __name__ == "__main__":

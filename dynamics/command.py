@@ -6,7 +6,8 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from optics.files import check_out
+from optics.files import Stopwatch, check_out
+from optics.files import finish as finish  # every stage ends with it
 
 TABLES = "pressure table of each design of the scene"
 
@@ -17,8 +18,8 @@ def stage_arguments(
     """Parsed --scene, --out and, where the stage takes them, --tables of `python -m module`.
 
     `out` says what is written; `options` names further arguments, each with its help or
-    with all that `add_argument` takes. InputError where --out could not
-    be written.
+    with all that `add_argument` takes. `watch` among what is returned runs from now on. InputError where --out could
+    not be written.
     """
     parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
     parser.add_argument("--scene", required=True, help="YAML file of the scene")
@@ -29,4 +30,5 @@ def stage_arguments(
         parser.add_argument(name, **({"help": text} if isinstance(text, str) else text))
     arguments = parser.parse_args()
     check_out(arguments.out)
+    arguments.watch = Stopwatch()
     return arguments

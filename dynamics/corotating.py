@@ -11,7 +11,15 @@ from scipy.sparse.linalg import eigsh
 from dynamics.dissection import factorise, solution_space
 from dynamics.kernels.corotating import Carrier, CarrierWork
 from dynamics.kernels.flown import Model
-from dynamics.lattice import Floats, cotangents, highest_frequency, over_edges, per_triangle, sheet_matrix
+from dynamics.lattice import (
+    Floats,
+    cotangents,
+    highest_frequency,
+    membrane_thickness,
+    over_edges,
+    per_triangle,
+    sheet_matrix,
+)
 from dynamics.mesh import Mesh
 from dynamics.plan import plan
 from dynamics.scene import Scene
@@ -96,7 +104,7 @@ def carrier(scene: Scene, mesh: Mesh, masses: Floats, dt: float) -> Carrier:
     inertia = np.array([[1.0, -angle], [angle, 1.0]]) / (1.0 + angle**2)
     membrane, tension = _membrane(mesh), STIFFER * _tension(scene, mesh)
     explicit = 4.0 / (dt * _fastest(membrane, masses)) ** 2
-    modulus = per_triangle(scene.sail, mesh, "young_Pa") * per_triangle(scene.sail, mesh, "thickness_m")
+    modulus = per_triangle(scene.sail, mesh, "young_Pa") * membrane_thickness(scene.sail, mesh)
     modulus /= 1.0 - per_triangle(scene.sail, mesh, "poisson") ** 2
     sides = np.zeros(len(mesh.edges), dtype=np.uint32)
     sides[mesh.triangle_edges.T.ravel()] = np.arange(mesh.triangle_edges.size)

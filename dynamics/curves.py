@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynamics.kernels.properties import Curve, Curves
-from dynamics.lattice import Floats, cotangents, per_triangle
+from dynamics.lattice import Floats, cotangents, membrane_thickness, per_triangle
 from dynamics.materials import Changing, Material
 from dynamics.mesh import Mesh
 from dynamics.plan import Effect
@@ -46,12 +46,29 @@ def _curve(
     )
 
 
+def _of_tables(scene: Scene, curve: Curve) -> Curve:
+    """Absorptances where a table's count: minus the factor by which they change from 300 K, as in `optical.Light`.
+
+    Both grow with the extinction of the material, which is small. InputError where there is nothing to grow from.
+    """
+    value = curve.value.copy()
+    for k, region in enumerate(scene.sail.regions):
+        plain, own = region.properties.absorptance, slice(curve.starts[k], curve.starts[k + 1])
+        if scene.tabled(region) and "absorptance" in region.properties.with_temperature:
+            if plain == 0.0:
+                raise InputError(
+                    f"{scene.name}.yaml: sail: region {k}: material.absorptance = 0: must be above 0, as its table of "
+                    "temperatures tells by what factor the absorptance of the design changes"
+                )
+            value[own] = -value[own] / plain
+    return curve._replace(value=value)
+
+
 def build_curves(scene: Scene, mesh: Mesh, effects: dict[str, Effect], warm: bool) -> Curves:
     """The curves of a scene's sail; InputError where a scheme that knows no change with temperature is asked for."""
     sail, flight = scene.sail, scene.flight
-    thickness = per_triangle(sail, mesh, "thickness_m")
+    thickness = membrane_thickness(sail, mesh)
     absorbs = effects["absorption"].on and effects["light"].on
-    tabled = np.array([scene.absorptance == "table" and r.design is not None for r in sail.regions])[mesh.sector]
     absorption = _curve(absorbs, scene, mesh, ("absorptance",), np.ones(len(mesh.sector)), True)
     expands = effects["expansion"].on and flight.expansion_1_K is None
     expansion = _curve(expands, scene, mesh, ("expansion_1_K",), np.ones(len(mesh.sector)), True)
@@ -72,8 +89,7 @@ def build_curves(scene: Scene, mesh: Mesh, effects: dict[str, Effect], warm: boo
             effects["emission"].on, scene, mesh, ("emissivity_front", "emissivity_back"),
             np.full(len(mesh.sector), flight.stefan_boltzmann / 3.0), False,
         ),
-        absorption=absorption._replace(region=np.where(tabled, -1, absorption.region)) if absorption.region.size
-        else absorption,
+        absorption=_of_tables(scene, absorption) if absorption.region.size else absorption,
         conduction=conduction,
         capacity=_curve(
             warm, scene, mesh, ("heat_capacity_J_kgK",), per_triangle(sail, mesh, "areal_mass") * mesh.areas, False,

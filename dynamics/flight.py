@@ -30,7 +30,8 @@ _PACKED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 #: Scalars and vectors (their length) that go from the rows to /series as they are, with their units.
 _PLAIN = {
     "time": (1, "s"), "position": (3, "m"), "velocity": (3, "m/s"), "temperature_max": (1, "K"),
-    "temperature_min": (1, "K"), "temperature_mean": (1, "K"), "strain_max": (1, "1"), "strain_min": (1, "1"),
+    "temperature_min": (1, "K"), "temperature_mean": (1, "K"), "temperature_max_triangles": (1, "K"),
+    "strain_max": (1, "1"), "strain_min": (1, "1"),
     "energy_kinetic": (1, "J"), "energy_elastic": (1, "J"), "power_incident": (1, "W"), "power_absorbed": (1, "W"),
     "power_radiated": (1, "W"), "force": (3, "N"), "torque": (3, "N m"), "impulse": (3, "N s"),
     "outside_table": (1, "1"), "power_reflected": (1, "W"), "failed_tensile": (1, "1"),
@@ -83,7 +84,7 @@ def series(rows: Floats, start_temperature: float | None = None) -> dict[str, tu
 
     result = {name: (column(name, width), unit) for name, (width, unit) in _PLAIN.items()}
     if start_temperature is not None:
-        for name in ("temperature_max", "temperature_min", "temperature_mean"):
+        for name in [name for name in result if name.startswith("temperature_")]:
             result[name] = (np.full(len(rows), start_temperature), "K")
     turn = attitude(column("fit", 9).reshape(-1, 3, 3))
     for name, angle in zip(("roll", "pitch", "yaw"), angles_from_rotation(turn), strict=True):

@@ -19,18 +19,18 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from dynamics import scene as scenes
-from dynamics.command import stage_arguments
+from dynamics.command import finish, stage_arguments
 from dynamics.derivatives import COLUMNS, ROWS, error_modes, imbalance, linearise
 from dynamics.linear import RESOLUTION, LinearModel, growth, margin
 from dynamics.rigid_body import rigid_body
 from dynamics.sail import load_tables, provenance, require_own_polarisation
-from dynamics.table_error import missed
+from dynamics.table_error import missed, said_missed
 from optics.files import InputError, run_stage, versions, write_json
 from optics.normal import table_response
 from optics.table import PressureTable
 
 Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+Complexes = NDArray[np.complexfloating]
 
 SAMPLES = 128
 SLOWEST = 1000.0  # units of time in a turn: a sail moves through hundreds of oscillations, or grows beyond all numbers
@@ -139,7 +139,7 @@ def analyse(scene: scenes.Scene, tables: dict[str, PressureTable]) -> Stability:
     if scene.beam.intensity_W_m2 == 0.0:
         raise InputError(f"{scene.name}.yaml: beam.intensity_W_m2 = 0: must be above 0 for a stability analysis")
     require_own_polarisation(scene, "a stability analysis")
-    body = rigid_body(scene, tables, lookup="smooth")
+    body = rigid_body(scene, tables, lookup="smooth", quadrature=None)
     share = imbalance(scene, tables, body)
     if share > 1e-6:
         raise InputError(
@@ -210,7 +210,7 @@ def table_errors(tables: dict[str, PressureTable]) -> dict[str, Any]:
 def report(scene: scenes.Scene, tables: dict[str, PressureTable], stability: Stability) -> dict[str, Any]:
     """The outcome as JSON: complex numbers as [re, im], derivatives in SI."""
     spins = stability.model.spin != 0.0
-    units = rigid_body(scene, tables).units
+    units = rigid_body(scene, tables, quadrature=None).units
     rows = np.array([units.force] * 2 + [units.torque] * 2)
     jacobian = stability.model.jacobian * rows[:, None] / np.array([units.length, units.length, 1.0, 1.0])
     exponents = eigenvalues(stability.model.corotating()) / units.time
@@ -253,14 +253,13 @@ def main() -> None:
     write_json(arguments.out, found)
     low, high = stability.margin_range
     why = f" ({found['undecided_because']})" if found["undecided_because"] else ""
-    print(
-        f"{scene.name}: {stability.verdict}{why}, largest |λ| = {stability.max_modulus:.6f} ± {stability.spread:.1g}, "
-        f"margin {stability.margin:.3g} 1/s ({low:.3g} … {high:.3g})"
+    worst = max((one["q_error"] for one in found["table_errors"].values()), default=0.0)
+    finish(
+        arguments.out, arguments.watch,
+        f"{stability.verdict}{why}, largest |λ| = {stability.max_modulus:.6f} ± {stability.spread:.1g}, "
+        f"margin {stability.margin:.3g} 1/s ({low:.3g} … {high:.3g})",
+        [f"tables err by at most {worst:.2g} at normal incidence{said_missed(tables)}"] if tables else [],
     )
-    if tables:
-        worst = max(one["q_error"] for one in found["table_errors"].values())
-        lacking = f"; table of {', '.join(missed(tables))} MISSED its tolerance" if missed(tables) else ""
-        print(f"{scene.name}: tables err by at most {worst:.2g} at normal incidence{lacking}")
 
 
 if __name__ == "__main__":

@@ -108,12 +108,12 @@ class Journal:
 
     def save(self, fingerprint: str, counters: dict[str, float], *trees: Any) -> None:
         """Replace the checkpoint: counters and all arrays of the trees. OSError where the disk is full."""
-        arrays = {f"{i}.{name}": value for i, tree in enumerate(trees) for name, value in leaves(tree)}
+        arrays: dict[str, Any] = {f"{i}.{name}": value for i, tree in enumerate(trees) for name, value in leaves(tree)}
         sizes, sums = [self._length(name) for name in STREAMS], [self._sums[name] for name in STREAMS]
         with atomic(self._path("checkpoint.npz")) as temporary, open(temporary, "wb") as stream:
             np.savez(
-                stream, fingerprint=np.array(fingerprint), sizes=np.array(sizes), sums=np.array(sums), **arrays,
-                **counters,
+                stream, fingerprint=np.array(fingerprint), sizes=np.array(sizes), sums=np.array(sums),
+                **(arrays | counters),
             )
 
     def _length(self, name: str) -> int:

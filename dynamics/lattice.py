@@ -22,6 +22,11 @@ def per_triangle(sail: Sail, mesh: Mesh, quantity: str) -> Floats:
     return np.array([float(getattr(region.properties, quantity)) for region in sail.regions])[mesh.sector]
 
 
+def membrane_thickness(sail: Sail, mesh: Mesh) -> Floats:
+    """Thickness (t,) in m of what carries tension and heat in the plane of each triangle."""
+    return np.array([region.carries_m for region in sail.regions])[mesh.sector]
+
+
 def lump(mesh: Mesh, per_area: Floats) -> Floats:
     """Node sums (n,): one third of `per_area` (t,) times the rest area of the adjoining triangles."""
     share = np.repeat(per_area * mesh.areas / 3.0, 3)
@@ -47,7 +52,7 @@ def stiffness(sail: Sail, mesh: Mesh, form: str, rim_factor: float = 1.0) -> Flo
     'van_gelder': E h (A/(L²(1 + ν)) + ν/(1 − ν²) · ½ cot) summed over both triangles (Van Gelder, J. Graphics Tools 3
     (1998) 21, with the angle opposite the edge). 'lattice': E h A/L², exact for an equilateral lattice with ν = 1/3.
     """
-    membrane = per_triangle(sail, mesh, "young_Pa") * per_triangle(sail, mesh, "thickness_m")
+    membrane = per_triangle(sail, mesh, "young_Pa") * membrane_thickness(sail, mesh)
     poisson = per_triangle(sail, mesh, "poisson")[:, None]
     area_term = mesh.areas[:, None] / mesh.lengths[mesh.triangle_edges] ** 2
     if form == "van_gelder":
@@ -75,7 +80,7 @@ def side_moduli(sail: Sail, mesh: Mesh) -> Floats:
 
 def sheet_modulus(sail: Sail, mesh: Mesh) -> Floats:
     """Stiffness h Y/(8(1 − ν²)A) (t,) in N/m³ of each triangle."""
-    membrane = per_triangle(sail, mesh, "young_Pa") * per_triangle(sail, mesh, "thickness_m")
+    membrane = per_triangle(sail, mesh, "young_Pa") * membrane_thickness(sail, mesh)
     return np.asarray(membrane / (8.0 * (1.0 - per_triangle(sail, mesh, "poisson") ** 2) * mesh.areas))
 
 
@@ -85,7 +90,7 @@ def conductance(sail: Sail, mesh: Mesh, form: str) -> Floats:
     'cotangent': κ h ½ cot, Fourier's law for linear fields (Pinkall & Polthier, Exp. Math. 2 (1993) 15). 'area':
     κ h A/L². 'first_triangle' (published): the same, but nothing from the second triangle of an edge.
     """
-    sheet = per_triangle(sail, mesh, "conductivity_W_mK") * per_triangle(sail, mesh, "thickness_m")
+    sheet = per_triangle(sail, mesh, "conductivity_W_mK") * membrane_thickness(sail, mesh)
     if form == "cotangent":
         return np.asarray(sheet[:, None] * _half_cotangent(mesh))
     share = sheet[:, None] * mesh.areas[:, None] / mesh.lengths[mesh.triangle_edges] ** 2
@@ -117,7 +122,6 @@ class Lattice:
     conductance_shares: Floats
     expansion: Floats
     limit_strain: Floats
-    limit_temperature: Floats
 
 
 def lattice(sail: Sail, mesh: Mesh, flight: Flight) -> Lattice:
@@ -137,7 +141,6 @@ def lattice(sail: Sail, mesh: Mesh, flight: Flight) -> Lattice:
         conductance_shares=shares,
         expansion=expansion,
         limit_strain=over_adjacent(mesh, per_triangle(sail, mesh, "limit_strain"), "min"),
-        limit_temperature=over_adjacent(mesh, per_triangle(sail, mesh, "failure_temperature_K"), "min"),
     )
 
 
@@ -165,8 +168,8 @@ def sheet_matrix(sail: Sail, mesh: Mesh) -> csr_matrix:
     for side in range(3):
         a, b = side, (side + 1) % 3
         change[:, side, a], change[:, side, b] = 2.0 * (x[:, a] - x[:, b]), 2.0 * (x[:, b] - x[:, a])
-    change = change.reshape(len(x), 3, 9)
-    blocks = np.einsum("tip,tij,tjq->tpq", change, side_moduli(sail, mesh), change)
+    rows = change.reshape(len(x), 3, 9)
+    blocks = np.einsum("tip,tij,tjq->tpq", rows, side_moduli(sail, mesh), rows)
     return _assemble(blocks, mesh.triangles, len(mesh.nodes))
 
 

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from dynamics import scene as scenes
 from dynamics.attitude import rotation_from_angles
-from dynamics.command import stage_arguments
+from dynamics.command import finish, stage_arguments
 from dynamics.kernels.rigid import INSIDE
 from dynamics.rigid_body import RigidBody, rigid_body
-from dynamics.sail import load_tables, provenance, sail_shape
+from dynamics.sail import load_tables, provenance
 from dynamics.table_error import TableErrors, rigid_errors
 from optics.files import InputError, run_stage, versions
 from optics.hdf5 import new_hdf5
@@ -81,7 +81,7 @@ def equilibria(shift: Floats, force: Floats) -> Floats:
 def map_errors(tilt: Floats, scene: scenes.Scene, tables: dict[str, PressureTable]) -> TableErrors:
     """What the tables' stated errors come to on a sail at the beam's centre, pitched and rolled by tilt (m,) in rad."""
     turns = np.array([turn for t in tilt for turn in (rotation_from_angles(t, 0, 0), rotation_from_angles(0, t, 0))])
-    return rigid_errors(scene, tables, sail_shape(scene.sail), np.zeros((len(turns), 3)), turns)
+    return rigid_errors(scene, tables, np.zeros((len(turns), 3)), turns)
 
 
 def write(path: str | Path, maps: Maps, scene: scenes.Scene, tables: dict[str, PressureTable]) -> TableErrors:
@@ -106,9 +106,11 @@ def main() -> None:
     arguments = stage_arguments("dynamics.maps", main.__doc__, "HDF5 file to write")
     scene = scenes.read_scene(arguments.scene)
     tables = load_tables(arguments.tables, scene)
-    met = write(arguments.out, make_maps(scene, tables), scene, tables)
-    if met.text:
-        print(f"{scene.name}: {met.text}")
+    maps = make_maps(scene, tables)
+    met = write(arguments.out, maps, scene, tables)
+    outside = int(np.isnan(maps.F_x).sum() + np.isnan(maps.F_y).sum())
+    places = maps.F_x.size + maps.F_y.size
+    finish(arguments.out, arguments.watch, f"{places} places of force, {outside} outside a table", [met.text])
 
 
 if __name__ == "__main__":

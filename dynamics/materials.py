@@ -17,14 +17,16 @@ Table = Annotated[list[Pair], Field(min_length=1)]
 
 
 class Material(Strict):
-    """A membrane material at its equivalent plain thickness. SI; emissivities and absorptance are dimensionless.
+    """What a region is made of. SI; emissivities and absorptance are dimensionless.
 
+    thickness_m: of the plain film of equal mass; not needed, and checked, where the region has a design, whose
+    cross-section is known (`dynamics.designs`). absorptance: of a region without a design, at any angle.
     with_temperature: tables [[K, value], …] of properties that change, linear in between and constant beyond, which at
     300 K give the plain value; of the expansion the differential coefficient. Flexible flight follows them, rigid
     flight takes the plain values. damping_s: retardation time τ, stress = stiffness · (strain + τ · rate of strain).
     """
 
-    thickness_m: Positive
+    thickness_m: Positive | None = None
     density_kg_m3: Positive
     young_Pa: Positive
     poisson: Annotated[float, Field(gt=-1, lt=0.5)]
@@ -66,6 +68,8 @@ class Material(Strict):
     @property
     def areal_mass(self) -> float:
         """Mass per area in kg/m²."""
+        if self.thickness_m is None:
+            raise ValueError("no thickness: that of a design is known with its table, see dynamics.designs.designed")
         return self.density_kg_m3 * self.thickness_m
 
     @property
@@ -77,6 +81,7 @@ class Material(Strict):
 def _nitride(thickness_m: float, absorptance: float) -> Material:
     """Stoichiometric LPCVD silicon nitride (Gao et al., Table S1), at the mass-equivalent thickness of a metagrating.
 
+    The thickness is nominal, as of all materials here: where a design is known, its own takes its place.
     The absorptance is 1 − exp(−4πkh/λ) of a single pass through the plain film of equal mass, k = 2e-6 at 1064 nm.
     """
     return Material(

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from dynamics.attitude import rotation_from_angles
-from dynamics.command import stage_arguments
+from dynamics.command import finish, stage_arguments
 from dynamics.corotating import carrier_work, chord_speed
 from dynamics.flight import Frame, series, write_flight
 from dynamics.journal import Journal, leaves, numbers_digest, without
@@ -38,8 +38,9 @@ from dynamics.lattice import Floats, per_triangle
 from dynamics.mesh import sail_mesh
 from dynamics.mesh_checks import check_shadow
 from dynamics.model import Membrane, build
+from dynamics.neglected import neglected, said
 from dynamics.plan import plan
-from dynamics.sail import check_release, load_tables, provenance, require_own_polarisation
+from dynamics.sail import check_place, check_release, load_tables, provenance, require_own_polarisation
 from dynamics.scene import Scene, read_scene
 from dynamics.stencil import free_sides, kept
 from dynamics.table_error import TableErrors, membrane_errors
@@ -78,6 +79,7 @@ class Flight:
     def __init__(self, scene: Scene, tables: dict[str, PressureTable], folder: Path, threads: int = 1) -> None:
         self.membrane: Membrane = build(scene, tables)
         self.model = self.membrane.model
+        check_place(scene, np.array(scene.release.offset_m))
         self.state: State = initial_state(self.membrane)
         self.work: Work = work_space(
             self.model, scene.flight.on_failure, self.membrane.lattice.conductance_shares, threads
@@ -244,7 +246,7 @@ class Flight:
             u, v = self.work.light.direction
             sector = int(mesh.sector[found])
             return x[mesh.triangles[found]].mean(axis=0), f"triangle {found}, sector {sector}, u = {u:.6g}, v = {v:.6g}"
-        if code in (failure.TENSILE, failure.BEYOND) and self.membrane.elastic_triangles:
+        if code == failure.THERMAL or self.membrane.elastic_triangles:
             return x[mesh.triangles[found]].mean(axis=0), f"triangle {found} of nodes {mesh.triangles[found].tolist()}"
         return x[mesh.edges[found]].mean(axis=0), f"edge {found} between nodes {mesh.edges[found].tolist()}"
 
@@ -338,10 +340,25 @@ def errors_met(flight: Flight, tables: dict[str, PressureTable]) -> TableErrors:
     return membrane_errors(flight.membrane.scene, tables, mesh, points)
 
 
+def lit_from_behind(flight: Flight) -> float | None:
+    """Time in s of the first snapshot in which a part of the lit sail turns away from the light, None if none does."""
+    n, triangles = flight.model.masses.size, flight.membrane.mesh.triangles
+    for numbers in flight.journal.frames:
+        x, failed = numbers[1 : 3 * n + 1].reshape(n, 3), numbers[7 * n + 1 :]
+        a, b, c = (x[triangles[:, i], :2] for i in range(3))
+        facing = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+        there = failed == 0.0 if flight.work.broken.gone.size else np.ones(facing.size, bool)
+        if numbers[0] >= 0.0 and np.any(facing[there] <= 0.0):
+            return float(numbers[0])
+    return None
+
+
 def attributes(flight: Flight, end: End, tables: dict[str, PressureTable]) -> dict[str, Any]:
     """What /series says about the whole flight."""
-    model, scene = flight.model, flight.membrane.scene
+    model, scene, columns = flight.model, flight.membrane.scene, flight.columns()
+    time, position, velocity = (columns[name][0] for name in ("time", "position", "velocity"))
     return {
+        "neglected": neglected(scene, tables, time, position, velocity, lit_from_behind(flight)),
         "end_reason": end.reason, "end_time": end.time, "end_position": end.position, "end_detail": end.detail,
         "steps": end.step, "time_step": model.dt, "mass_kg": float(model.masses.sum()),
         "scene": scene.model_dump_json(), "tables": json.dumps(provenance(tables)),
@@ -385,14 +402,13 @@ def main() -> None:
     made = out.with_name(out.name + ".partial") / out.name
     size = flight.journal.frames.nbytes + flight.journal.rows.nbytes
     met = errors_met(flight, tables)
-    said = attributes(flight, end, tables) | met.attributes()
-    write_flight(made, flight.membrane.mesh, flight.frames(), flight.columns(), said, size)
+    told = attributes(flight, end, tables) | met.attributes()
+    write_flight(made, flight.membrane.mesh, flight.frames(), flight.columns(), told, size)
     made.replace(out)
     flight.journal.remove()
     where = "" if end.reason == "finished" else f" ({end.detail}, near {np.array2string(end.position, precision=4)} m)"
-    print(f"{scene.name}: {end.reason} at {end.time:.6g} s{where}, {end.step} steps")
-    if met.text:
-        print(f"{scene.name}: {met.text}")
+    ended = f"{end.reason} at {end.time:.6g} s{where}, {end.step} steps"
+    finish(out, given.watch, ended, [met.text, said(told["neglected"])])
 
 
 if __name__ == "__main__":

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optics.files import atomic, check_out, run_stage
+from dynamics.command import finish
+from optics.files import Stopwatch, atomic, check_out, run_stage
 
 AREAL_MASS = 1e-4
 PRESSURE = 67.0
@@ -95,6 +96,7 @@ def row(entry: Entry) -> tuple[str, ...]:
 
 def main() -> None:
     """Figures of merit of the paper's materials, computed and printed, as CSV."""
+    watch = Stopwatch()
     parser = argparse.ArgumentParser(prog="python -m dynamics.merit", description=main.__doc__)
     parser.add_argument("--out", required=True, help="CSV to write")
     given = parser.parse_args()
@@ -103,6 +105,7 @@ def main() -> None:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(COLUMNS)
         writer.writerows(row(entry) for entry in TABLE)
+    finish(given.out, watch, f"{len(TABLE)} materials")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynamics.command import stage_arguments
+from dynamics.command import finish, stage_arguments
 from dynamics.regions import directions, region_of
 from dynamics.sail_parts import Sail
 from dynamics.scene import read_scene
@@ -120,8 +120,8 @@ def main() -> None:
 
     sail = read_scene(arguments.scene).sail
     mesh = sail_mesh(sail)
-    thickness = np.array([r.properties.thickness_m for r in sail.regions])[mesh.sector]
-    write_mesh(arguments.out, mesh, {"sector": mesh.sector, "thickness": thickness})
+    write_mesh(arguments.out, mesh, {"sector": mesh.sector})
+    finish(arguments.out, arguments.watch, f"{len(mesh.nodes)} nodes, {len(mesh.triangles)} triangles")
 
 
 if __name__ == "__main__":

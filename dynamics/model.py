@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynamics import corotating
+from dynamics.caught import check_light
 from dynamics.curves import build_curves
+from dynamics.designs import designed
 from dynamics.kernels import (
     elastic,
     flown,
@@ -43,7 +45,7 @@ from dynamics.plan import Effect, plan
 from dynamics.regions import directions
 from dynamics.scene import Scene
 from dynamics.stencil import layout, with_springs
-from dynamics.time_step import check_heat, damped_share
+from dynamics.time_step import check_heat, damped_share, highest_absorptances
 from optics.files import InputError
 from optics.table import PressureTable, TableArrays
 
@@ -100,7 +102,7 @@ def _if(on: bool, values: Any) -> Floats:
 def _springs(mesh: Mesh, lat: Lattice, effects: Plan) -> elastic.Springs:
     m, lists = len(mesh.edges), np.empty((0, 0), np.uint32)
     if effects["damping"].on:
-        lists = slots(mesh.edges.ravel(), len(mesh.nodes), (np.arange(m)[:, None] + [0, m]).ravel(), 2 * m)
+        lists = slots(mesh.edges.ravel(), len(mesh.nodes), (np.arange(m)[:, None] + np.array([0, m])).ravel(), 2 * m)
     return elastic.Springs(
         start=unsigned(mesh.edges[:, 0]), end=unsigned(mesh.edges[:, 1]), stiffness=lat.stiffness,
         rest=_if(lat.stiffness.size > 0, mesh.lengths), slots=lists,
@@ -146,14 +148,14 @@ def is_warm(effects: Plan) -> bool:
 def _heat(scene: Scene, mesh: Mesh, lat: Lattice, effects: Plan) -> thermal.Heat:
     flight = scene.flight
     faces = per_triangle(scene.sail, mesh, "emissivity_front") + per_triangle(scene.sail, mesh, "emissivity_back")
+    limits = per_triangle(scene.sail, mesh, "failure_temperature_K")
     return thermal.Heat(
         per_capacity=_if(is_warm(effects), flight.thermal_rate / lat.heat_capacities),
         absorbs=effects["absorption"].on,
         emission=_if(effects["emission"].on, flight.stefan_boltzmann * faces / 3.0),
         background=flight.background_temperature_K**4,
         conductance=_if(effects["conduction"].on, lat.conductance),
-        limit=_if(effects["thermal_failure"].on, lat.limit_temperature),
-        lowest=float(lat.limit_temperature.min()),
+        limit=_if(effects["thermal_failure"].on, limits), lowest=float(limits.min()),
         every=flight.heat_every,
     )
 
@@ -181,8 +183,7 @@ def _light(
     on = effects["light"].on
     regions, nearest = scene.sail.regions, scene.lookup == "nearest"
     absorptance = per_triangle(scene.sail, mesh, "absorptance")
-    if scene.absorptance == "table":
-        absorptance = np.where(np.array([r.design is not None for r in regions])[mesh.sector], -1.0, absorptance)
+    absorptance = np.where(np.array([scene.tabled(r) for r in regions])[mesh.sector], -1.0, absorptance)
     g = directions(mesh.nodes[mesh.triangles].mean(axis=1), mesh.sector, scene.sail).T[:2]
     return optical.Light(
         corners=corners if on else np.empty((3, 0), np.uint32),
@@ -233,11 +234,15 @@ def _mirror(
 
 
 def spin_up_time(scene: Scene) -> float:
-    """Length of the spin-up in s; if not given Gao et al.'s |f|/(1801.8 max(|f|/100 Hz, Γ)), Γ = 10, curved sails 2."""
+    """Length of the spin-up in s; if not given Gao et al.'s |f|/(1801.8 max(|f|/100 Hz, Γ)), Γ = 10, curved sails 2.
+
+    That is for sails of 0.5 m; larger ones, which elastic waves take as much longer to cross, get more.
+    """
     if scene.flight.spin_up_s is not None:
         return scene.flight.spin_up_s
     f = abs(scene.release.spin_Hz)
-    return f / (1801.8 * max(f / 100.0, 10.0 if scene.sail.profile == "flat" else 2.0))
+    larger = max(1.0, scene.sail.radius_m / 0.5)
+    return f / (1801.8 * max(f / 100.0, 10.0 if scene.sail.profile == "flat" else 2.0)) * larger
 
 
 def _spin_up(scene: Scene, effects: Plan, dt: float) -> spin.SpinUp:
@@ -269,28 +274,35 @@ def time_step(scene: Scene, mesh: Mesh, lat: Lattice) -> float:
     return flight.time_step_s
 
 
-def _check_energy(scene: Scene) -> None:
-    """InputError where a region of constant response would give back more light than it gets."""
-    for i, region in enumerate(scene.sail.regions):
-        absorptance = region.properties.highest("absorptance")
+def _check_energy(scene: Scene, absorptances: list[float]) -> None:
+    """InputError where a region would take up or give back more light than it gets; of each the highest absorptance."""
+    for i, (region, absorptance) in enumerate(zip(scene.sail.regions, absorptances, strict=True)):
         if region.reflectance is not None and region.reflectance + absorptance > 1.0:
             raise InputError(
                 f"{scene.name}.yaml: sail: region {i}: reflectance = {region.reflectance:g}: with the material's "
                 f"absorptance {absorptance:g} it must not exceed 1"
             )
+        if absorptance > 1.0:
+            raise InputError(
+                f"{scene.name}.yaml: sail: region {i}: material.with_temperature.absorptance: times the table's own it "
+                f"comes to {absorptance:g}: must not exceed 1"
+            )
 
 
 def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
     """Mesh, lattice and kernel arrays of a scene, with only the effects its plan calls for."""
+    scene = designed(scene, tables)
     effects = plan(scene)
     mesh = sail_mesh(scene.sail)
     check_mesh(mesh, f"{scene.name}.yaml: sail")
-    _check_energy(scene)
+    check_light(scene, mesh)
+    absorptances = highest_absorptances(scene, tables)
+    _check_energy(scene, absorptances)
     lat = lattice(scene.sail, mesh, scene.flight)
     dt = time_step(scene, mesh, lat)
     heat = _heat(scene, mesh, lat, effects)
     # Its two-step method for the temperatures is stable for half as long
-    check_heat(scene, mesh, heat, effects, 2.0 * dt if scene.flight.integrator == "corotating" else dt)
+    check_heat(scene, mesh, heat, effects, absorptances, 2.0 * dt if scene.flight.integrator == "corotating" else dt)
     spin_up = _spin_up(scene, effects, dt)
     release = max(spin_up.steps, 1)
     springs, elements, parts = _springs(mesh, lat, effects), _sheet(scene, mesh, effects), _triangles(scene, mesh)
@@ -306,7 +318,7 @@ def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
         heat=heat, curves=build_curves(scene, mesh, effects, is_warm(effects)),
         spin_up=spin_up, integrator=INTEGRATORS[scene.flight.integrator], dt=dt, release=release,
         end=release + math.ceil(scene.flight.duration_s / dt - 1e-9), optics_every=scene.flight.optics_every,
-        series_every=scene.flight.series_every, fly_away=scene.flight.fly_away_m,
+        series_every=scene.flight.series_every, fly_away=scene.fly_away,
         most_broken=math.floor(scene.flight.broken_fraction * len(mesh.triangles)),
     )
     carried = corotating.carrier(scene, mesh, lat.masses, dt) if scene.flight.integrator == "corotating" else None

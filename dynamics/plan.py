@@ -40,7 +40,9 @@ def _reflections(scene: Scene, lit: bool) -> Effect:
 def _derived(scene: Scene) -> dict[str, Effect]:
     materials = [region.properties for region in scene.sail.regions]
     lit = scene.beam.intensity_W_m2 > 0
-    heated = lit and (scene.absorptance == "table" or any(m.highest("absorptance") > 0 for m in materials))
+    heated = lit and any(
+        scene.tabled(region) or region.properties.highest("absorptance") > 0 for region in scene.sail.regions
+    )
     emits = any(m.highest("emissivity_front") + m.highest("emissivity_back") > 0 for m in materials)
     spins = scene.release.spin_Hz != 0
     conducts = any(m.highest("conductivity_W_mK") > 0 for m in materials)

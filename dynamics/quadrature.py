@@ -3,8 +3,9 @@
 The beam over a sector is exp(−2ρ²/w²), ρ from the beam axis. With the sail level and centred that is e^{−2d²/w²}, d
 from the middle of the sail; near rules take this as the weight function of their radial Gauss rule (Gautschi,
 Orthogonal Polynomials: Computation and Approximation, §2.2), and the rest, e^{2(d² − ρ²)/w²}, is nearly a polynomial.
-The last rule is Gauss–Legendre (Abramowitz & Stegun, §25.4.29) and serves every place and tilt. Orders are the least
-ones that integrate the steepest beams of a rule's range to the error asked for, radially and in the polar angle.
+The last rule is Gauss–Legendre (Abramowitz & Stegun, §25.4.29) and serves every place and tilt, in panels where the
+beam is narrow against the sail. Orders are the least ones that integrate the steepest beams of a rule's range to the
+error asked for, radially and in the polar angle.
 """
 
 from __future__ import annotations
@@ -25,6 +26,9 @@ Rule = tuple[Floats, Floats]
 ERROR = 1e-11  # of the power on the centred sail
 RANGES = ((0.25, 0.15), (0.5, 0.2), (1.0, 0.35))  # distance of the beam in its radii, lateral part of k in the body
 _MOST = 512
+_NARROW = 0.1  # radii of the sail below which a beam calls for panels
+_PANEL = 4.0  # radii of the beam that a panel is wide
+NARROWEST = 0.01  # radii of the sail: two million points
 _LAST = 6.0  # radii of the beam where e^{−2d²/w²} is below 1e-31, and what a rule multiplies it by below 1e16
 
 
@@ -33,8 +37,11 @@ def beam_rules(spans: Spans, radius: float, beam: float, error: float = ERROR) -
     """Rules for sectors between polar angles `spans`, a sail of that radius and a beam of that 1/e² radius.
 
     `error` is that of a sector's ∫e dA, ∫X e dA/radius and ∫Y e dA/radius, as a share of ∫e dA over the centred sail.
+    ValueError where the beam is narrower than `NARROWEST`.
     """
     ratio = beam / radius
+    if ratio < NARROWEST:
+        raise ValueError(f"beam of {ratio:.3g} radii of the sail: must be at least {NARROWEST:g}")
     pieces: list[list[Floats]] = [[_near(span, ratio, error, *r) for span in spans] for r in RANGES]
     pieces.append([_far(span, ratio, error) for span in spans])
     counts = np.array([[len(points) for points in rule] for rule in pieces])
@@ -63,7 +70,8 @@ def _near(span: tuple[float, float], w: float, error: float, reach: float, slant
         return _flat(_moments(angle, beam * d * np.exp(-s * (d * d + p * p))))
 
     radial = _weighted(w, along, target / (span[1] - span[0]))
-    angular = _legendre(*span, around, target)
+    # Where the beam is narrow so is what the angle is integrated over
+    angular = _legendre(*span, around, target if w >= _NARROW else target / (2.0 * w))
     return _product(radial, angular, np.zeros_like)
 
 
@@ -71,6 +79,9 @@ def _far(span: tuple[float, float], w: float, error: float) -> Floats:
     """Points (n, 4) over a sector of unit radius for beams anywhere."""
     target = error * _power(w)
     s = 2.0 / w**2
+    if w < _NARROW:
+        radial, angular = _panels(0.0, 1.0, w, error), _panels(*span, w, error)
+        return _product((radial[0], radial[1] * radial[0]), angular, lambda d: -s * d * d)
     k = np.arange(1, 3)[:, None]
 
     def along(d: Floats) -> Floats:
@@ -128,6 +139,17 @@ def _legendre(a: float, b: float, functions: Callable[[Floats], Floats], target:
         return a + 0.5 * (b - a) * (x + 1.0), 0.5 * (b - a) * w
 
     return _least(rule, functions, target)
+
+
+def _panels(a: float, b: float, w: float, error: float) -> Rule:
+    """Gauss–Legendre rule on [a, b] in equal panels, for Gaussians of 1/e² radius w anywhere; b − a in units of 1."""
+    count = math.ceil((b - a) / (_PANEL * w))
+    step = (b - a) / count
+    # Steeper than the beam, which a tilt makes steeper in the published distance from the axis
+    places = np.linspace(-0.5, 1.5, 33)[:, None]
+    x, weight = _legendre(0.0, 1.0, lambda y: np.exp(-2.5 * (_PANEL * (y - places)) ** 2), 0.1 * error)
+    points = a + step * (np.arange(count)[:, None] + x)
+    return points.ravel(), np.tile(step * weight, count)
 
 
 def _weighted(w: float, functions: Callable[[Floats], Floats], target: float) -> Rule:

@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from dynamics import scene as scenes
 from dynamics.attitude import angles_from_rotation, rotation_from_quaternion
 from dynamics.beam import knots
-from dynamics.command import stage_arguments
+from dynamics.command import finish, stage_arguments
 from dynamics.kernels import flight as kernel
+from dynamics.neglected import neglected, said
 from dynamics.quadrature import ERROR
 from dynamics.rigid_body import RigidBody, Units, rigid_body
-from dynamics.sail import check_release, load_tables, provenance, sail_shape
+from dynamics.sail import check_place, check_release, load_tables, provenance
 from dynamics.table_error import TableErrors, rigid_errors
 from optics.files import Stopwatch, progress, run_stage, versions
 from optics.hdf5 import new_hdf5
@@ -117,7 +118,9 @@ def fly(
     watch = Stopwatch()
     body = rigid_body(scene, tables, quadrature=quadrature)
     state = body.start(scene.release)
-    if start is not None:
+    if start is None:
+        check_place(scene, state[:2] * body.units.length)
+    else:
         state[: kernel.MOTION] = np.asarray(start, float) / body.units.state[: kernel.MOTION]
     terms = terms_of(scene, body.units)
     work = kernel.start(state, terms.rows.size)
@@ -138,9 +141,9 @@ def terms_of(scene: scenes.Scene, units: Units) -> kernel.Terms:
     duration = scene.rigid.duration_s / units.time
     stops = {min(knot / units.time, duration) for knot in knots(scene.beam)} | {duration}
     spacing = 1.0 / (scene.rigid.output_Hz * units.time)
-    rows = spacing * np.arange(max(1, math.ceil(duration / spacing * (1.0 - 1e-12))))
+    rows = spacing * np.arange(max(1, math.ceil(duration / spacing * (1.0 - 1e-12))), dtype=float)
     return kernel.Terms(
-        scene.rigid.tolerance, scene.flight.fly_away_m / units.length, scene.outside_table == "clamp",
+        scene.rigid.tolerance, scene.fly_away / units.length, scene.outside_table == "clamp",
         scene.rigid.most_steps, np.array(sorted(stops - {0.0})), rows,
     )
 
@@ -173,6 +176,13 @@ def _place(work: kernel.Work, units: Units) -> str:
     return f"{what}t = {work.clock[kernel.T] * units.time:.9g} s, x = {x:.6g} m, y = {y:.6g} m, z = {z:.6g} m"
 
 
+def remark(flight: RigidFlight, scene: scenes.Scene, tables: dict[str, PressureTable]) -> str:
+    """What the flight neglected, and from when on; '' for nothing."""
+    turned = flight.rotation[:, 2, 2] <= 0.0
+    behind = float(flight.time[np.argmax(turned)]) if turned.any() else None
+    return neglected(scene, tables, flight.time, flight.position, flight.velocity, behind)
+
+
 def write(
     path: str | Path, flight: RigidFlight, scene: scenes.Scene, tables: dict[str, PressureTable]
 ) -> TableErrors:
@@ -180,7 +190,7 @@ def write(
 
     Returns what the tables' stated errors come to on its way, which the file says too.
     """
-    met = rigid_errors(scene, tables, sail_shape(scene.sail), flight.position, flight.rotation)
+    met = rigid_errors(scene, tables, flight.position, flight.rotation)
     roll, pitch, yaw = flight.angles
     columns = {
         "time": (flight.time, "s"), "position": (flight.position, "m"), "velocity": (flight.velocity, "m/s"),
@@ -197,6 +207,7 @@ def write(
         file.attrs.update({
             "scene": scene.model_dump_json(), "tables": json.dumps(provenance(tables)),
             "versions": json.dumps(versions("numpy", "scipy", "numba")),
+            "neglected": remark(flight, scene, tables),
             "mass_kg": flight.mass, "inertia_kg_m2": flight.inertia, **{key: getattr(flight, key) for key in COUNTS},
             **met.attributes(),
         })
@@ -212,9 +223,8 @@ def main() -> None:
     flight = fly(scene, tables)
     met = write(arguments.out, flight, scene, tables)
     place = f" ({flight.end_place})" if flight.end_place else ""
-    print(f"{scene.name}: {flight.end_reason} at {flight.time[-1]:.6g} s, {flight.steps} steps{place}")
-    if met.text:
-        print(f"{scene.name}: {met.text}")
+    end = f"{flight.end_reason} at {flight.time[-1]:.6g} s, {flight.steps} steps{place}"
+    finish(arguments.out, arguments.watch, end, [met.text, said(remark(flight, scene, tables))])
 
 
 if __name__ == "__main__":

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from dynamics import scene as scenes
 from dynamics.attitude import quaternion_from_angles, rotation_from_quaternion
+from dynamics.designs import designed
 from dynamics.kernels import rigid as kernel
 from dynamics.kernels.beam import LIGHT_SPEED
-from dynamics.quadrature import ERROR, beam_rules
+from dynamics.quadrature import ERROR, NARROWEST, beam_rules
 from dynamics.sail import SailShape, sail_shape
 from optics.files import InputError
 from optics.table import PressureTable, TableArrays
@@ -89,17 +90,17 @@ class RigidBody:
 
 
 def rigid_body(
-    scene: scenes.Scene, tables: dict[str, PressureTable], lookup: str | None = None, quadrature: float = ERROR
+    scene: scenes.Scene, tables: dict[str, PressureTable], lookup: str | None = None, quadrature: float | None = ERROR
 ) -> RigidBody:
     """The scene's rigid body.
 
     `lookup` overrides the scene's rule of that name; `quadrature` is the error of a sector's integrals, as a share of
-    the power on the centred sail.
+    the power on the centred sail; None for a body whose load is not asked for. InputError where the beam is too narrow.
     """
-    shape = sail_shape(scene.sail)
+    shape = sail_shape(designed(scene, tables).sail)
     units = normal_units(shape, scene.beam.intensity_W_m2)
     nearest = (lookup or scene.lookup) == "nearest"
-    sail = _arrays(shape, units, tables, scene.beam, quadrature)
+    sail = _arrays(shape, units, tables, _rules(scene, shape, quadrature))
     return RigidBody(shape, units, sail, _light(scene, units), _tables(tables, nearest, scene.beam.polarisation))
 
 
@@ -116,12 +117,23 @@ def _light(scene: scenes.Scene, units: Units) -> kernel.Light:
     )
 
 
+def _rules(scene: scenes.Scene, shape: SailShape, quadrature: float | None) -> kernel.Rules:
+    """Quadrature of the beam over the sail in diameters, or none."""
+    if quadrature is None:
+        return kernel.Rules(np.zeros(0), np.zeros(0), np.zeros((0, 0), np.int64), np.zeros((0, 4)))
+    spans = tuple((float(s.start), float(s.stop)) for s in shape.sectors)
+    if scene.beam.radius_m < NARROWEST * shape.radius:
+        raise InputError(
+            f"{scene.name}.yaml: beam.radius_m = {scene.beam.radius_m:g}: must be at least {NARROWEST:g} of "
+            f"sail.radius_m, {NARROWEST * shape.radius:g}, for a rigid sail"
+        )
+    return beam_rules(spans, 0.5, scene.beam.radius_m / shape.diameter, quadrature)
+
+
 def _arrays(
-    shape: SailShape, units: Units, tables: dict[str, PressureTable], beam: scenes.Beam, quadrature: float
+    shape: SailShape, units: Units, tables: dict[str, PressureTable], rules: kernel.Rules
 ) -> kernel.RigidSail:
     """The sail's arrays in normalised units; tables are numbered in the order of the mapping."""
-    spans = tuple((float(s.start), float(s.stop)) for s in shape.sectors)
-    rules = beam_rules(spans, shape.radius / units.length, beam.radius_m / units.length, quadrature)
     inertia = shape.inertia / (units.mass * units.length**2)
     missing = [s.design for s in shape.sectors if s.design is not None and s.design not in tables]
     if missing:
@@ -130,7 +142,7 @@ def _arrays(
     return kernel.RigidSail(
         np.array([s.g for s in shape.sectors]), rules, shape.centre / units.length,
         np.array(numbers, dtype=np.int64), np.array([s.reflectance for s in shape.sectors]),
-        np.array([s.absorptance for s in shape.sectors]), inertia, np.linalg.inv(inertia),
+        np.array([s.absorptance for s in shape.sectors]), inertia, np.asarray(np.linalg.inv(inertia), float),
     )
 
 

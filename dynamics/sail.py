@@ -120,7 +120,7 @@ def sail_shape(sail: scenes.Sail) -> SailShape:
         reflectance = sector.reflectance or 0.0
         if sector.design is None and reflectance + material.absorptance > 1.0:
             raise InputError(
-                f"sail.sectors.{i}.reflectance = {reflectance:g}: with the material's absorptance "
+                f"sail.sectors[{i}].reflectance = {reflectance:g}: with the material's absorptance "
                 f"{material.absorptance:g} it must not exceed 1"
             )
         shapes.append(SectorShape(
@@ -178,6 +178,17 @@ def check_release(scene: scenes.Scene, tables: dict[str, PressureTable]) -> None
                 f"from u = {u:.4g}, v = {v:.4g} is outside table '{sector.design}' "
                 f"(allowed {tables[sector.design].limits}); tilt less, make a wider table or set outside_table: clamp"
             ) from None
+
+
+def check_place(scene: scenes.Scene, place: Floats) -> None:
+    """Refuse a centre of mass (2,) at release that is as far from the axis as where flights end."""
+    away = float(np.hypot(*place))
+    if away >= scene.fly_away:
+        raise InputError(
+            f"{scene.name}.yaml: release.offset_m = {scene.release.offset_m}: the centre of mass is {away:g} m from "
+            f"the axis: must be below {scene.fly_away:g} m, where a flight ends; release it nearer or set "
+            "flight.fly_away_m"
+        )
 
 
 def _one_wavelength(found: dict[str, tuple[Path, PressureTable]]) -> None:

@@ -12,6 +12,7 @@ from dynamics.materials import MATERIALS, Material
 from optics.files import Name, Pair, Positive, Strict
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
+MOST_RINGS = 1000
 Angle = Annotated[float, Field(ge=0, lt=360)]
 
 
@@ -19,13 +20,16 @@ class Region(Strict):
     """A part of the sail of one material, thickness and optical response.
 
     The optical response is either a pressure table of `design`, or constant `reflectance` and the material's
-    absorptance. thickness_m: instead of the material's. `g` is the direction across the ridges (for a film it only
-    labels the axes): fixed in the body's x and y, or 'radial' (outward), 'tangential' (counter-clockwise seen from +z)
-    or the negatives of these, in each triangle projected into its plane.
+    absorptance. thickness_m: of the plain film of equal mass, in place of the material's; a design has its own, which
+    it must not contradict. membrane_m: thickness that carries tension and heat in the sail's plane; null for that of
+    all that is continuous in the design, or for a plain film. `g` is the direction across the ridges (for a film it
+    only labels the axes): fixed in the body's x and y, or 'radial' (outward), 'tangential' (counter-clockwise seen from
+    +z) or the negatives of these, in each triangle projected into its plane.
     """
 
     material: str | Material
     thickness_m: Positive | None = None
+    membrane_m: Positive | None = None
     design: Name | None = None
     reflectance: Fraction | None = None
     g: Pair | Literal["radial", "-radial", "tangential", "-tangential"] = [1.0, 0.0]
@@ -36,15 +40,34 @@ class Region(Strict):
             raise ValueError(f"material = '{self.material}': must be one of {', '.join(MATERIALS)}, or given in full")
         if (self.design is None) == (self.reflectance is None):
             raise ValueError("give either design (a pressure table) or reflectance (constant), not both")
+        if self.design is None and self.properties.thickness_m is None:
+            raise ValueError("thickness_m: must be given, in the material or beside it, where there is no design")
         if not isinstance(self.g, str) and not math.isclose(math.hypot(*self.g), 1.0, rel_tol=1e-9):
             raise ValueError(f"g = {self.g}: must be a unit vector")
         return self
 
     @property
+    def given_m(self) -> float | None:
+        """Thickness in m that the scene gives, beside the material or in one that it gives in full."""
+        if self.thickness_m is None and isinstance(self.material, Material):
+            return self.material.thickness_m
+        return self.thickness_m
+
+    @property
+    def nominal_m(self) -> float | None:
+        """Nominal thickness in m of a material of the library."""
+        return MATERIALS[self.material].thickness_m if isinstance(self.material, str) else None
+
+    @property
     def properties(self) -> Material:
-        """The region's material, at the region's thickness."""
+        """The region's material, at its thickness: that of a design is known in scenes from `designs.designed`."""
         material = MATERIALS[self.material] if isinstance(self.material, str) else self.material
-        return material if self.thickness_m is None else material.model_copy(update={"thickness_m": self.thickness_m})
+        return material.model_copy(update={"thickness_m": self.given_m or self.nominal_m})
+
+    @property
+    def carries_m(self) -> float:
+        """Thickness in m that carries tension and heat in the plane."""
+        return self.membrane_m or self.properties.thickness_m or math.nan
 
     @property
     def fixed(self) -> Pair | None:
@@ -112,7 +135,7 @@ class Sail(Strict):
     depth: Annotated[float, Field(ge=-100, le=100)] | None = None
     rescale: bool = False
     radius_m: Positive
-    rings: Annotated[int, Field(ge=1, le=1000)]
+    rings: Annotated[int, Field(ge=1, le=MOST_RINGS)]
     rotation_deg: float = 0.0
     sectors: Annotated[list[Sector], Field(min_length=1)]
     rim: Rim | None = None
@@ -141,7 +164,7 @@ class Sail(Strict):
             value = getattr(self, name)
             if value != plain:
                 return f"{name} = '{value}'" if isinstance(value, str) else name
-        special = [f"sectors.{i}.g = '{s.g}'" for i, s in enumerate(self.sectors) if isinstance(s.g, str)]
+        special = [f"sectors[{i}].g = '{s.g}'" for i, s in enumerate(self.sectors) if isinstance(s.g, str)]
         return special[0] if special else None
 
     @property

@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from dynamics.command import stage_arguments
-from dynamics.sail_parts import Fraction, Sail
+from dynamics.command import finish, stage_arguments
+from dynamics.sail_parts import Fraction, Region, Sail
 from optics.files import InputError, Name, NonNegative, Pair, Positive, Strict, read_model, run_stage, write_json
 
 
@@ -69,16 +69,21 @@ class Flight(Strict):
 
     time_step_s: null for 0.8 of the stability bound of the mesh. optics_every, heat_every: steps between updates of the
     optical coefficients, which are those of the middle of that time, and of the temperatures. spin_up_s: null for the
-    published |f|/(1801.8 max(|f|/100 Hz, Γ)), Γ = 10 for flat sails, 2 for curved ones.
+    published |f|/(1801.8 max(|f|/100 Hz, Γ)), Γ = 10 for flat sails, 2 for curved ones,
+    longer for sails of more than 0.5 m.
     stiffness: 'triangles' of constant strain, or springs along the edges: 'van_gelder' with Poisson's ratio, 'lattice'.
+    in_plane: what carries tension and heat in the plane, the continuous 'membrane' of each design or a plain film of
+    equal mass, 'mass_equivalent'.
     integrator: 'corotating' steps semi-implicitly, 1/150 of a turn by default, in the frame of a spinning flat sail of
     triangles, light and heat renewed in every step; it ends a flight as 'beyond_scheme' where strain or slopes are too
     large for it.
     Triangles tear where the larger principal stress reaches the strength, springs where their strain reaches strength
     over Young's modulus. rim_factor: for springs only. on_failure: 'stop' ends the flight; 'record' counts the failed
-    triangles, 'remove' takes them out of the sail, until more than broken_fraction of them have failed.
-    Published: rk4 with thermal_rate 2/3, stiffness 'lattice' with rim_factor 2, conductance 'first_triangle',
-    expansion_1_K 2.33e-6 for every material, stefan_boltzmann 5.67e-8, spin_up_gain 1.001486.
+    triangles, 'remove' takes them out of the sail, until more than broken_fraction of them have failed. fly_away_m:
+    distance of the centre of mass from the axis at which a flight ends, also a rigid one; null for 2.5 times the radius
+    of the sail or the beam, whichever is larger: it is dark there.
+    Published: rk4 with thermal_rate 2/3, in_plane 'mass_equivalent', stiffness 'lattice' with rim_factor 2, conductance
+    'first_triangle', expansion_1_K 2.33e-6 for every material, stefan_boltzmann 5.67e-8, spin_up_gain 1.001486.
     """
 
     duration_s: Positive = 0.1
@@ -88,6 +93,7 @@ class Flight(Strict):
     heat_every: Annotated[int, Field(ge=1, le=10000)] = 4
     stiffness: Literal["triangles", "van_gelder", "lattice"] = "triangles"
     rim_factor: Positive = 1.0
+    in_plane: Literal["membrane", "mass_equivalent"] = "membrane"
     conductance: Literal["cotangent", "area", "first_triangle"] = "cotangent"
     expansion_1_K: float | None = None
     thermal_rate: Positive = 1.0
@@ -96,7 +102,7 @@ class Flight(Strict):
     background_temperature_K: NonNegative = 0.0
     spin_up_s: Positive | None = None
     spin_up_gain: Positive | None = None
-    fly_away_m: Positive = 1.25
+    fly_away_m: Positive | None = None
     on_failure: Literal["stop", "record", "remove"] = "stop"
     broken_fraction: Fraction = 1.0
     series_every: Annotated[int, Field(ge=1)] = 8
@@ -144,8 +150,9 @@ class Scene(Strict):
 
     incidence: 'sail_frame' sees the light in each element's own frame; 'yaw_blind' (published) uses the lab-frame pitch
     and roll whatever the yaw. lookup: 'smooth' or 'nearest' (published) entry of the table. absorptance: of the
-    'material' or of the 'table'. outside_table: 'stop' the run or 'clamp' (published) to the edge and count; a grating
-    lit from behind ends it either way, a film is the same from both sides.
+    'table' of each design, times what the material's changes by with temperature, or that of the 'material'
+    (published); without a design always the material's. outside_table: 'stop' the run or 'clamp' (published) to the
+    edge and count; a grating lit from behind ends it either way, a film is the same from both sides.
     """
 
     name: Name
@@ -155,12 +162,21 @@ class Scene(Strict):
     release: Release = Release()
     incidence: Literal["sail_frame", "yaw_blind"] = "sail_frame"
     lookup: Literal["smooth", "nearest"] = "smooth"
-    absorptance: Literal["material", "table"] = "material"
+    absorptance: Literal["material", "table"] = "table"
     outside_table: Literal["stop", "clamp"] = "stop"
     rigid: Rigid = Rigid()
     flight: Flight = Flight()
     reflections: Reflections = Reflections()
     effects: Effects = Effects()
+
+    @property
+    def fly_away(self) -> float:
+        """Distance in m from the axis at which a flight ends."""
+        return self.flight.fly_away_m or 2.5 * max(self.sail.radius_m, self.beam.radius_m)
+
+    def tabled(self, region: Region) -> bool:
+        """Does the absorptance of a region come from its design's table."""
+        return self.absorptance == "table" and region.design is not None
 
     @model_validator(mode="after")
     def _polarised(self) -> Scene:
@@ -190,6 +206,8 @@ def main() -> None:
     arguments = stage_arguments("dynamics.scene", main.__doc__, "JSON file to write", tables=False)
     effects = plan(read_scene(arguments.scene))
     write_json(arguments.out, {name: effect.model_dump() for name, effect in effects.items()})
+    on = sum(effect.on for effect in effects.values())
+    finish(arguments.out, arguments.watch, f"{on} of {len(effects)} effects on")
 
 
 if __name__ == "__main__":

@@ -19,10 +19,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from dynamics import scene as scenes
+from dynamics.command import finish
 from dynamics.derivatives import Moments, derivatives, moments
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.linear import RESOLUTION, LinearModel, growth, margin
-from optics.files import InputError, atomic, check_out, progress, run_stage
+from optics.files import InputError, Stopwatch, atomic, check_out, progress, run_stage
 
 Floats = NDArray[np.float64]
 
@@ -135,7 +136,11 @@ def _density(scene: scenes.Scene, group: int) -> float:
 
 
 def screen(scene: scenes.Scene, members: pd.DataFrame, cells: pd.DataFrame) -> pd.DataFrame:
-    """Members with all that is found out about them; 'impossible' where a cell is none or has no derivative."""
+    """Members with all that is found out about them.
+
+    'impossible' where a cell is none or has no derivative, 'unresolved' where its orders did not resolve it: then
+    neither its numbers nor their errors decide anything, and it is never ranked.
+    """
     known = cells.dropna().set_index("cell").sort_index()
     numbers = members[[f"{group}_cell" for group in GROUPS]]
     missing = set(np.unique(numbers)) - set(cells["cell"]) - {-1}
@@ -145,7 +150,9 @@ def screen(scene: scenes.Scene, members: pd.DataFrame, cells: pd.DataFrame) -> p
     chunks = [possible.iloc[i : i + CHUNK] for i in range(0, len(possible), CHUNK)]
     found = [assess(scene, chunk, known) for chunk in progress(chunks, "screening", unit="chunk")]
     out = members.join(pd.concat(found)) if found else members.assign(verdict="impossible")
-    return out.assign(verdict=out["verdict"].fillna("impossible"))
+    resolved = numbers.isin(cells.loc[cells["resolved"], "cell"]).all(axis=1)
+    verdict = out["verdict"].fillna("impossible")
+    return out.assign(verdict=verdict.where(resolved | (verdict == "impossible"), "unresolved"))
 
 
 def rank(screened: pd.DataFrame, by: str, at_least: list[str]) -> pd.DataFrame:
@@ -178,6 +185,7 @@ def read_columns(paths: list[str]) -> pd.DataFrame:
 
 def main() -> None:
     """Screen the members of a family."""
+    watch = Stopwatch()
     parser = argparse.ArgumentParser(prog="python -m dynamics.screening", description=main.__doc__)
     parser.add_argument("--scene", required=True, help="YAML file of the base scene")
     parser.add_argument("--members", required=True, help="Parquet file of the members")
@@ -192,7 +200,7 @@ def main() -> None:
     with atomic(given.out) as temporary:
         screened.to_parquet(temporary, index=False)
     counts = screened["verdict"].value_counts()
-    print(", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
+    finish(given.out, watch, ", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
 
 
 if __name__ == "__main__":

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynamics.designs import designed
 from dynamics.mesh import Mesh
 from dynamics.regions import directions
-from dynamics.sail import SailShape, SectorShape
+from dynamics.sail import SectorShape, sail_shape
 from dynamics.scene import Scene
 from optics.table import PressureTable
 
@@ -63,13 +64,19 @@ class TableErrors:
         """In words, empty where no table was read."""
         if not self.design:
             return ""
-        missed = f"; table of {', '.join(self.missed)} MISSED its tolerance" if self.missed else ""
-        return f"tables err by at most {self.largest:.2g}, the force by {self.share:.2g} of the thrust{missed}"
+        lacking = f"; table of {', '.join(self.missed)} MISSED its tolerance" if self.missed else ""
+        return f"tables err by at most {self.largest:.2g}, the force by {self.share:.2g} of the thrust{lacking}"
 
 
 def missed(tables: Mapping[str, PressureTable]) -> tuple[str, ...]:
     """Designs whose tables missed their tolerance."""
     return tuple(name for name, table in tables.items() if not table.attrs.get("tolerance_met", 1))
+
+
+def said_missed(tables: Mapping[str, PressureTable]) -> str:
+    """The end of a line that names tables which missed their tolerance; empty if none did."""
+    names = missed(tables)
+    return f"; table of {', '.join(names)} MISSED its tolerance" if names else ""
 
 
 def collect(seen: Iterable[Seen], tables: Mapping[str, PressureTable], polarised: bool = False) -> TableErrors:
@@ -108,10 +115,10 @@ def _spread(count: int, most: int) -> NDArray[np.int64]:
 
 
 def rigid_errors(
-    scene: Scene, tables: Mapping[str, PressureTable], shape: SailShape, position: Floats, turn: Floats
+    scene: Scene, tables: dict[str, PressureTable], position: Floats, turn: Floats
 ) -> TableErrors:
     """Along a rigid flight with its centre of mass at position (n, 3) in m and rotations (n, 3, 3) from body to lab."""
-    some = _spread(len(position), _MOST_ROWS)
+    shape, some = sail_shape(designed(scene, tables).sail), _spread(len(position), _MOST_ROWS)
     turn = turn[some]
     position = position[some] - turn[:, :, :2] @ shape.centre
     k = _yaw_blind(turn[:, :, 2]) if scene.incidence == "yaw_blind" else turn[:, 2]

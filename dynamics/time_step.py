@@ -12,6 +12,7 @@ from dynamics.mesh import Mesh
 from dynamics.plan import Effect
 from dynamics.scene import Scene
 from optics.files import InputError
+from optics.table import PressureTable
 
 
 def damped_share(scene: Scene, omega: float) -> float:
@@ -35,19 +36,32 @@ def _most(pairs: list[tuple[float, float]]) -> float:
     return max([1.0, *(a / b for a, b in pairs if b > 0)])
 
 
-def hottest_possible(scene: Scene, mesh: Mesh, heat: thermal.Heat, fails: bool) -> Floats:
-    """Temperatures (t,) in K above which the triangles never get.
+def highest_absorptances(scene: Scene, tables: dict[str, PressureTable]) -> list[float]:
+    """The largest absorptance of each region, at any angle and temperature."""
+    found = []
+    for region in scene.sail.regions:
+        own = region.properties.highest("absorptance")
+        if scene.tabled(region) and region.design in tables:
+            table, plain = tables[str(region.design)], region.properties.absorptance
+            own = float(np.max(table.absorptance_nodes)) * (own / plain if plain > 0 else 1.0)
+        found.append(own)
+    return found
+
+
+def hottest_possible(
+    scene: Scene, mesh: Mesh, heat: thermal.Heat, absorptances: list[float], fails: bool
+) -> Floats:
+    """Temperatures (t,) in K above which the triangles never get; absorptances: the highest of each region.
 
     Those of equilibrium with all of the light, of all of it kept since the start, of failure if that ends it: whichever
     is the lowest, but at least the temperatures of the start and of the surroundings.
     """
     flight, sail = scene.flight, scene.sail
     materials = [region.properties for region in sail.regions]
-    most = np.array([m.highest("absorptance") for m in materials])[mesh.sector]
     faces = np.array([m.lowest("emissivity_front") + m.lowest("emissivity_back") for m in materials])[mesh.sector]
     light = np.zeros(len(mesh.areas))
     if heat.absorbs:
-        light += scene.beam.intensity_W_m2 * (most if scene.absorptance == "material" else 1.0)
+        light += scene.beam.intensity_W_m2 * np.array(absorptances)[mesh.sector]
     least = np.array([m.lowest("heat_capacity_J_kgK") for m in materials])[mesh.sector]
     capacity = per_triangle(sail, mesh, "areal_mass") * least
     kept = flight.start_temperature_K + light * flight.duration_s * flight.thermal_rate / capacity
@@ -59,7 +73,9 @@ def hottest_possible(scene: Scene, mesh: Mesh, heat: thermal.Heat, fails: bool) 
     return np.maximum(hottest, max(flight.start_temperature_K, flight.background_temperature_K))
 
 
-def check_heat(scene: Scene, mesh: Mesh, heat: thermal.Heat, effects: dict[str, Effect], dt: float) -> None:
+def check_heat(
+    scene: Scene, mesh: Mesh, heat: thermal.Heat, effects: dict[str, Effect], absorptances: list[float], dt: float
+) -> None:
     """InputError where a node would lose its heat in less than half the time between two updates of its temperature.
 
     Its fastest rate is 4 Σ ε σ A T³/C at the hottest that it gets plus 2 Σ G/C (Gershgorin); explicit steps are stable
@@ -68,7 +84,7 @@ def check_heat(scene: Scene, mesh: Mesh, heat: thermal.Heat, effects: dict[str, 
     flight, nodes, materials = scene.flight, len(mesh.nodes), [region.properties for region in scene.sail.regions]
     loss = np.zeros(nodes)
     if heat.emission.size:
-        hottest = hottest_possible(scene, mesh, heat, effects["thermal_failure"].on)
+        hottest = hottest_possible(scene, mesh, heat, absorptances, effects["thermal_failure"].on)
         faces = [m.highest("emissivity_front") + m.highest("emissivity_back") for m in materials]
         emission = flight.stefan_boltzmann / 3.0 * np.array(faces)[mesh.sector]
         rate = np.repeat(4.0 * emission * mesh.areas * hottest**3, 3)

@@ -8,7 +8,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from optics.files import InputError, Name, Pair, Strict, load_yaml, validate
+from optics.files import InputError, Name, Pair, Strict, read_mapping, validate
+from optics.section import cross_section
+from optics.wording import brief
 
 ElectricAxis = Literal["g", "r"]
 
@@ -107,7 +109,7 @@ class Metagrating(_Periodic):
     @property
     def mean_thickness_nm(self) -> float:
         """Thickness of the plain film of equal mass, in nm."""
-        return self.membrane_nm + self.ridge_height_nm * self.fill
+        return 1e9 * cross_section(self.model_dump()).mean_m
 
 
 class Layer(Strict):
@@ -233,10 +235,11 @@ def read_cell(path: str | Path, wavelength_nm: float | None = None) -> Cell:
     `wavelength_nm` replaces the file's own wavelength, as for a sail that moves away from its laser. An index may be
     dispersive: `index: {table: [[wavelength_nm, n, k], ...]}`, interpolated linearly.
     """
-    data = load_yaml(path)
-    kind = data.get("kind") if isinstance(data, dict) else None
+    data = read_mapping(path)
+    kind = data.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
-        raise InputError(f"{path}: kind = {kind!r}: must be one of {', '.join(KINDS)}")
+        given = f"kind = {brief(kind)}: must be" if "kind" in data else "missing kind,"
+        raise InputError(f"{path}: {given} one of {', '.join(KINDS)}")
     if wavelength_nm is not None:
         data["wavelength_nm"] = wavelength_nm
     return validate(_resolved(data, data.get("wavelength_nm"), path, ""), KINDS[kind], path)

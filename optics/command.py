@@ -6,27 +6,19 @@ import argparse
 
 from optics.files import InputError, check_out
 
-MOST_SLICES = 1000
-
 
 def table_arguments(
-    module: str, description: str, tolerance: float, u_max: float, v_max: bool = True, slices: int | None = None
+    module: str, description: str, tolerance: float, u_max: float, v_max: bool = True, most_minutes: float | None = None
 ) -> argparse.Namespace:
-    """Checked arguments of `python -m module`: those of `add_table_arguments` and, for gratings, --slices.
-
-    The numbers are defaults.
-    """
+    """Checked arguments of `python -m module`, those of `add_table_arguments`; the numbers are defaults."""
     parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
     add_table_arguments(parser, tolerance, u_max, v_max)
-    if slices is not None:
+    if most_minutes is not None:
         parser.add_argument(
-            "--slices", type=int, default=slices, metavar="N",
-            help="layers that walls which are not upright are cut into (default %(default)s)",
+            "--most-minutes", type=float, default=most_minutes,
+            help="refuse a table that is forecast to take more CPU time (default %(default)s)",
         )
-    arguments = checked(parser.parse_args())
-    if slices is not None and not 1 <= arguments.slices <= MOST_SLICES:
-        raise InputError(f"--slices = {arguments.slices}: must be between 1 and {MOST_SLICES}")
-    return arguments
+    return checked(parser.parse_args())
 
 
 def add_table_arguments(parser: argparse.ArgumentParser, tolerance: float, u_max: float, v_max: bool = True) -> None:

@@ -104,7 +104,8 @@ def material(cell: Grating, grid: Layout, courant: float) -> Material:
     phase = 2 * np.pi * grid.pixel * 1000 / cell.wavelength_nm
     # Vacuum is left as it is: the waves that leave must stay those of their diffraction orders.
     new, old = (np.where(e == 1, e, on_grid(e, phase, courant)) for e in (inside, around))
-    return Material(placed, new - old, 1 / new - 1 / old, (inside - around).imag, grid.period, grid.pixel)
+    inverse = np.divide(1, new) - np.divide(1, old)
+    return Material(placed, new - old, inverse, (inside - around).imag, grid.period, grid.pixel)
 
 
 def _rectangles(stack: LamellarStack) -> tuple[Floats, Complexes, Complexes]:

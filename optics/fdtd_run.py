@@ -164,11 +164,12 @@ class Run:
             tensor = tensor.real.astype(complex)
         # Most points share their tensor with others, and to make a medium takes Meep longer than many a time step.
         different, which = np.unique(tensor.reshape(-1, 4).round(12), axis=0, return_inverse=True)
-        media, which = [self._medium(one) for one in different], which.reshape(tensor.shape[:2]).tolist()
+        media = [self._medium(one) for one in different]
+        at: Any = which.reshape(tensor.shape[:2]).tolist()
 
         def permittivity(p: Any) -> Any:
             i, j = round(2 * p.x / pixel + grid.n_x) % (2 * grid.n_x), round(2 * p.y / pixel) - 2 * low
-            return media[which[i][j]]
+            return media[at[i][j]]
 
         mp = self.mp
         # Meep looks for conductivity only where some plain medium has one: this one, which lies hidden below the other.

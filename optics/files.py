@@ -19,11 +19,17 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from tqdm import tqdm
 
+from optics.wording import brief, describe
+
 # Field types of the configuration.
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+
+
+#: Values that a YAML file may hold, each as often as aliases name it.
+MOST_VALUES = 1_000_000
 
 
 class InputError(ValueError):
@@ -41,9 +47,10 @@ class Strict(BaseModel):
         if isinstance(data, dict):
             for key in data:
                 if key not in cls.model_fields:
-                    near = difflib.get_close_matches(str(key), cls.model_fields, n=1)
+                    name = brief(key).strip('"')
+                    near = difflib.get_close_matches(name, cls.model_fields, n=1)
                     hint = f"; did you mean '{near[0]}'?" if near else ""
-                    raise ValueError(f"unknown key '{key}'{hint} (allowed: {', '.join(cls.model_fields)})")
+                    raise ValueError(f"unknown key '{name}'{hint} (allowed: {', '.join(cls.model_fields)})")
         return data
 
 
@@ -74,7 +81,7 @@ def load_yaml(path: str | Path) -> Any:
     """Content of a YAML file; InputError names the file and the line when it can't be read."""
     try:
         with open(path, encoding="utf-8") as stream:
-            return yaml.load(stream, Loader=_Loader)
+            return within_reason(yaml.load(stream, Loader=_Loader))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -82,7 +89,38 @@ def load_yaml(path: str | Path) -> Any:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"{path}, line {mark.line + 1}" if mark else str(path)
-        raise InputError(f"{where}: not valid YAML: {getattr(error, 'problem', None) or error}") from None
+        said = " ".join(str(getattr(error, "problem", None) or error).split())
+        raise InputError(f"{where}: not valid YAML: {said}") from None
+    except RecursionError:
+        raise InputError(f"{path}: not valid YAML: nested too deeply") from None
+    except (ValueError, LookupError, AttributeError, TypeError) as error:  # of values that are none of their type
+        raise InputError(f"{path}: not valid YAML: {' '.join(str(error).split())[:100]}") from None
+
+
+def within_reason(data: Any) -> Any:
+    """The data, if it is a tree of at most MOST_VALUES; ValueError where aliases make it more, or endless."""
+    sizes: dict[int, int] = {}
+
+    def size(value: Any) -> int:
+        if not isinstance(value, dict | list):
+            return 1
+        if id(value) not in sizes:
+            sizes[id(value)] = MOST_VALUES  # met again within itself: endless
+            sizes[id(value)] = 1 + sum(map(size, value.values() if isinstance(value, dict) else value))
+        return sizes[id(value)]
+
+    if size(data) > MOST_VALUES:
+        raise ValueError(f"more than {MOST_VALUES} values, or an alias within what it stands for")
+    return data
+
+
+def read_mapping(path: str | Path) -> dict[Any, Any]:
+    """Content of a YAML file, which maps keys to values; InputError where it is anything else."""
+    data = load_yaml(path)
+    if not isinstance(data, dict):
+        given = "empty" if data is None else brief(data)
+        raise InputError(f"{path}: must be a mapping of keys to values; it is {given}")
+    return data
 
 
 def validate(data: Any, model: type[Model], source: str | Path) -> Model:
@@ -90,29 +128,12 @@ def validate(data: Any, model: type[Model], source: str | Path) -> Model:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(f"{source}: {_describe(first)}") from None
-
-
-def _describe(error: Any) -> str:
-    """One line for the first pydantic error: 'sail.rings = -3: must be greater than 0'."""
-    field = ".".join(str(part) for part in error["loc"])
-    given = error["input"]
-    text = error["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
-    text = " ".join(text.split())
-    if error["type"] == "missing":
-        return f"{field}: missing; it must be given"
-    scalar = isinstance(given, str | int | float | bool) or given is None
-    value = f" = {json.dumps(given)}" if scalar and field else ""
-    return f"{field}{value}: {text}" if field else text
+        raise InputError(f"{source}: {describe(error.errors(include_url=False), data, model)}") from None
 
 
 def read_model(path: str | Path, model: type[Model]) -> Model:
     """The YAML file at `path`, validated as `model`."""
-    data = load_yaml(path)
-    if not isinstance(data, dict):
-        raise InputError(f"{path}: must be a mapping of keys to values, not {type(data).__name__}")
-    return validate(data, model, path)
+    return validate(read_mapping(path), model, path)
 
 
 @contextlib.contextmanager
@@ -200,3 +221,19 @@ class Stopwatch:
     def cpu_seconds(self) -> float:
         """CPU time of this process in seconds, the same on a busy machine and on a quiet one."""
         return time.process_time() - self._cpu
+
+
+def finish(path: str | Path, watch: Stopwatch, said: str, notes: Iterable[str] = ()) -> None:
+    """Say on standard output, in one line, what a stage made: file, how it ended, size, time, and any notes.
+
+    `said`: the end reason, verdict or count. The file is on the disk.
+    """
+    size = amount(Path(path).stat().st_size, "B")
+    line = f"{path}: {said} ({size}, {watch.seconds:.3g} s, {watch.cpu_seconds:.3g} s of CPU)"
+    print("; ".join(" ".join(part.split()) for part in (line, *notes) if part))
+
+
+def amount(value: float, unit: str) -> str:
+    """A number with its unit in three digits, as in '12.3 MB'; from 1 on."""
+    power = next((n for n in range(6) if value < 999.5 * 1000.0**n), 6)
+    return f"{value / 1000.0**power:.3g} {('', 'k', 'M', 'G', 'T', 'P', 'E')[power]}{unit}"

@@ -3,7 +3,8 @@
     python -m optics.local --cells cells.jsonl --block 1/8 --out block1.parquet
 
 Each line of the cells is a metagrating as JSON. A block takes every n-th of them, so that blocks take equally long. One
-row a cell: its number, q and ∂q/∂u of the components g and n, their errors, absorptance and the mean thickness.
+row a cell: its number, q and ∂q/∂u of the components g and n, their errors, absorptance and the mean thickness, and
+whether so many orders resolve it: false where fields have no limit (`optics.limit`) or q errs by over 0.05.
 """
 
 from __future__ import annotations
@@ -22,16 +23,21 @@ from optics.cells import LamellarStack, Metagrating, as_stack
 from optics.derivatives import derivatives
 from optics.files import InputError, atomic, check_out, progress, run_stage, validate
 from optics.incidence import Floats
+from optics.limit import without_limit
 from optics.normal import NormalResponse
+from optics.section import cross_section
 
 CUTOFF = 1e-9  # of a period of a whole number of wavelengths
-COARSER = (0.5, 0.7)  # shares of the orders; errors fall with wiggles, so that one of them may be right by chance
+COARSER = (0.7, 0.85)  # shares of the orders; errors fall with wiggles, so that one of them may be right by chance
 ORDER = 15
 COLUMNS = (
     "q_g", "q_n", "q_g_u", "q_n_u", "absorptance", "q_error", "gradient_error", "absorptance_error", "mean_thickness_m",
     "wavelength_m",
 )
-SCHEMA = pa.schema([("cell", pa.int64()), *((name, pa.float64()) for name in COLUMNS), ("order", pa.int64())])
+SCHEMA = pa.schema([
+    ("cell", pa.int64()), *((name, pa.float64()) for name in COLUMNS), ("order", pa.int64()), ("resolved", pa.bool_()),
+])
+UNRESOLVED = 0.05  # error of q from which on its slopes and their errors mean nothing
 
 
 def _at_cutoff(pitch: float, index: float) -> bool:
@@ -52,9 +58,21 @@ def slopes(cell: Metagrating | LamellarStack, order: int) -> tuple[Floats, Float
     return found.q, np.stack([found.q_dot[0], [0.0, found.absorptance, 0.0]], axis=1)
 
 
-def normal_response(cell: Metagrating | LamellarStack, order: int) -> NormalResponse:
-    """Response of a cell; errors: the largest change of a value, or a slope, from half and 0.7 of the orders."""
+def normal_response(
+    cell: Metagrating | LamellarStack, order: int, half: Metagrating | LamellarStack | None = None
+) -> NormalResponse:
+    """Response of a cell; errors: the largest change of a value, or a slope, from 0.7 and 0.85 of the orders.
+
+    half: a staircase's cell with half the slices; values are then extrapolated, by what the errors grow.
+    """
     q, gradient = slopes(cell, order)
+    if half is not None:
+        # of second order in the thickness of a slice, as in `optics.truncation`
+        steps = [(a - b) / 3 for a, b in zip((q, gradient), slopes(half, order), strict=True)]
+        rest = normal_response(cell, order)
+        return NormalResponse(
+            q + steps[0], gradient + steps[1], rest.q_error + np.abs(steps[0]), rest.gradient_error + np.abs(steps[1])
+        )
     rough = [slopes(cell, int(np.ceil(share * order))) for share in COARSER]
     q_error = np.max([np.abs(q - other) for other, _ in rough]) * np.array([1.0, 0.0, 1.0])
     gradient_error = np.max([np.abs(gradient - other) for _, other in rough], axis=0)
@@ -87,7 +105,8 @@ def row(number: int, cell: Metagrating, order: int) -> dict[str, Any]:
         "cell": number, "q_g": found.q[0], "q_n": found.q[2], "q_g_u": found.gradient[0, 0],
         "q_n_u": found.gradient[2, 0], "absorptance": found.gradient[1, 1], "q_error": found.q_error[0],
         "gradient_error": found.gradient_error[0, 0], "absorptance_error": found.gradient_error[1, 1],
-        "mean_thickness_m": cell.mean_thickness_nm * 1e-9, "wavelength_m": cell.wavelength_nm * 1e-9, "order": order,
+        "mean_thickness_m": cross_section(cell.model_dump()).mean_m, "wavelength_m": cell.wavelength_nm * 1e-9,
+        "order": order, "resolved": bool(found.q_error[0] <= UNRESOLVED) and not without_limit(cell),
     }
 
 

@@ -8,9 +8,11 @@ from __future__ import annotations
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from optics.absorption import imbalance
 from optics.cells import LamellarStack, Metagrating
 from optics.command import check_range, table_arguments
 from optics.files import Stopwatch, run_stage, versions
+from optics.forecast import MOST_MINUTES, announce, forecast
 from optics.incidence import Floats, worst_polarisation
 from optics.incidence import cutoffs as rayleigh_cutoffs
 from optics.lamellar import Response as Response
@@ -19,19 +21,18 @@ from optics.lamellar import solve as solve
 from optics.local import normal_response
 from optics.narrow import FINER, are_there, enough_orders, refine_with_resonances
 from optics.normal import ATTRIBUTE
-from optics.outline import SLICES, polygons, read_grating, upright
+from optics.outline import Grating, polygons, read_grating
 from optics.promise import finish, promised
 from optics.refinement import Refined, first_lines, refine
 from optics.resonances import Window
 from optics.samples import Solve, start
 from optics.strips import Curves, breaks, rayleigh_curves
 from optics.table import PARITY, STOKES_PARITY, Cutoffs, PressureTable
-from optics.truncation import choose_order, order_error
+from optics.truncation import Chosen, Forces, choose, finer_rungs, with_order
 
 # Modes that reach the far side of their layer with less than this share of the tolerance are left out there.
 _NEGLIGIBLE, _NOISE = 1e-2, 1e-5
 _BEYOND = 0.05  # resonances whose u is further outside of a table than this are not felt within
-_MOST_ORDERS = 60  # for the sake of resonances
 _MARGIN = 3  # orders beyond those that run within the layers, to see whether there are resonances
 # The first rows in u and lines in v² are no further apart: narrower resonances may be missed.
 _FIRST_STEP = 0.0112
@@ -77,18 +78,8 @@ def resonance_window(cell: Metagrating | LamellarStack, u_max: float, v_max: flo
     return Window(-u_max, u_max, reach, window_curves(cell, u_max + reach, v_max))
 
 
-def choose_nodes(
-    cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float, order: int
-) -> tuple[int, Refined]:
-    """Directions and narrow resonances from which interpolation meets `tolerance`, solved with `order`.
-
-    More orders, which are returned, where those don't suffice for the resonances: these move by more than their width.
-    """
-
-    def solver(n: int) -> Solve:
-        negligible = min(_NEGLIGIBLE * tolerance, _NOISE)
-        return lambda u, v: _quantities(solve(cell, u, v, n, negligible))
-
+def first_directions(cell: Metagrating | LamellarStack, u_max: float, v_max: float) -> tuple[Curves, Floats, Floats]:
+    """Cut-offs, rows u and lines v that a table begins with."""
     curves = window_curves(cell, u_max, v_max)
     u = np.linspace(-u_max, u_max, max(_FEWEST_ROWS, 1 + 2 * int(np.ceil(u_max / _FIRST_STEP))))
     # Strips between neighbouring cut-offs may be narrower than the rows are apart: they get rows of their own.
@@ -96,17 +87,38 @@ def choose_nodes(
     within = np.concatenate([edges[:-1] + share * np.diff(edges) for share in (0.25, 0.5, 0.75)])
     u = np.unique(np.concatenate([u, within[np.abs(within) < u_max]]))
     lines = max(_FEWEST_LINES, int(np.ceil(v_max**2 / _FIRST_STEP)))
-    v = first_lines(breaks(curves, -u_max, u_max, v_max), lines)
+    return curves, u, first_lines(breaks(curves, -u_max, u_max, v_max), lines)
+
+
+def choose_nodes(
+    chosen: Chosen, u_max: float, v_max: float, tolerance: float, most_minutes: float = MOST_MINUTES
+) -> tuple[Chosen, Refined]:
+    """Directions and narrow resonances from which interpolation meets `tolerance`, solved with what was chosen.
+
+    More orders, which are returned, where those don't suffice for the resonances: these move by more than their width.
+    InputError where that is forecast to take longer than `most_minutes`.
+    """
+    cell = chosen.cell
+
+    def solver(n: int) -> Solve:
+        negligible = min(_NEGLIGIBLE * tolerance, _NOISE)
+        return lambda u, v: _quantities(chosen.solve(u, v, negligible, n))
+
+    curves, u, v = first_directions(cell, u_max, v_max)
+    layers = len(cell.layers) if isinstance(cell, LamellarStack) else 2
+    announce(forecast(solver(chosen.order), u, v, len(curves), chosen.order, layers), cell.name, most_minutes)
     parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
     name, measures = f"modal {cell.name}", (_own_error, _error_in_any)
-    samples, window = start(solver(order), curves, u, v, parity, _OWN), resonance_window(cell, u_max, v_max)
-    if not are_there(solver(min(order, _guided(cell, u_max) + _MARGIN)), samples, window, tolerance):
-        return order, refine(samples, tolerance, measures, name)
-    enough = enough_orders(solver, order, _MOST_ORDERS, samples, window, tolerance)
-    if enough > order:
-        samples = start(solver(enough), curves, u, v, parity, _OWN)
-    finer = solver(int(np.ceil(FINER * enough)))
-    return enough, refine_with_resonances(samples, window, finer, tolerance, measures, name)
+    samples, window = start(solver(chosen.order), curves, u, v, parity, _OWN), resonance_window(cell, u_max, v_max)
+    scout = solver(min(chosen.order, _guided(cell, u_max) + _MARGIN))
+    if not are_there(scout, samples, window, tolerance):
+        return chosen, refine(samples, tolerance, measures, name)
+    order = enough_orders(solver, finer_rungs(chosen.order), samples, window, tolerance)
+    if order > chosen.order:
+        chosen = with_order(chosen, order)
+        samples = start(solver(order), curves, u, v, parity, _OWN)
+    finer = solver(int(np.ceil(FINER * order)))
+    return chosen, refine_with_resonances(samples, window, finer, tolerance, measures, name)
 
 
 def _guided(cell: Metagrating | LamellarStack, u_max: float) -> int:
@@ -117,42 +129,47 @@ def _guided(cell: Metagrating | LamellarStack, u_max: float) -> int:
     return int(np.ceil((max(np.sqrt(complex(epsilon)).real for epsilon in every) + u_max) / cell.pitch))
 
 
-def make_table(cell: Metagrating | LamellarStack, u_max: float, v_max: float, tolerance: float) -> PressureTable:
-    """Pressure table over |u| ≤ u_max, |v| ≤ v_max, its orders and directions chosen for an error near `tolerance`."""
+def make_table(
+    cell: Grating, u_max: float, v_max: float, tolerance: float, most_minutes: float = MOST_MINUTES
+) -> PressureTable:
+    """Pressure table over |u| ≤ u_max, |v| ≤ v_max; its orders, slices and directions follow from `tolerance`.
+
+    InputError where it is forecast to take longer than `most_minutes`.
+    """
     watch = Stopwatch()
-    order = choose_order(cell, np.linspace(-u_max, u_max, 24), v_max * np.array([0.0, 0.5, 1.0]), tolerance)
-    order, refined = choose_nodes(cell, u_max, v_max, tolerance, order)
+    chosen, refined = choose_nodes(choose(cell, u_max, v_max, tolerance), u_max, v_max, tolerance, most_minutes)
     found = refined.samples
     q, absorptance, q_stokes, absorptance_stokes = _apart(found.nodes)
-    nodes = np.moveaxis(q, 0, -1), np.moveaxis(q_stokes, (0, 1), (-2, -1))
-    error, error_stokes = refined.errors + order_error(cell, found.u, found.v, order, *nodes)
+    nodes = Forces(np.moveaxis(q, 0, -1), np.moveaxis(q_stokes, (0, 1), (-2, -1)))
+    error, error_stokes = refined.errors + chosen.errors(found.u, found.v, nodes, _NEGLIGIBLE * tolerance)
     cutoffs = Cutoffs(found.curves, *_apart(found.on_curves)) if len(found.curves) else None
     around = cell.surroundings
     lossless = around.back_k == 0 and all(epsilon.imag == 0 for _, epsilon in polygons(cell))
+    few = u_max * np.array([-0.7, 0.013, 0.4]), v_max * np.array([0.5, 0.02, 0.9])
+    lost = float(np.abs(absorptance).max()) if lossless else imbalance(chosen.cell, *few, chosen.order)
     grazing = {x for n in (around.front, around.back) for x in rayleigh_cutoffs(cell.pitch, u_max, index=n)}
     attrs = {
         "name": cell.name, "solver": "modal", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
-        "settings": {"u_max": u_max, "v_max": v_max, "tolerance": tolerance, "orders": order},
+        "settings": {"u_max": u_max, "v_max": v_max, "tolerance": tolerance, **chosen.settings},
         "cutoffs": sorted(grazing),
-        "energy_imbalance": float(np.abs(absorptance).max() if lossless else max(0.0, -absorptance.min())),
-        ATTRIBUTE: normal_response(cell, order).as_dict(),
+        "energy_imbalance": lost, ATTRIBUTE: normal_response(chosen.cell, chosen.order, chosen.half).as_dict(),
         "cpu_seconds": watch.cpu_seconds, "versions": versions("numpy", "scipy"),
     }
     table = PressureTable(
         found.u, found.v, q, absorptance, error, True, False, attrs, cutoffs, q_stokes, absorptance_stokes,
         error_stokes, resonances=refined.resonances if refined.resonances.count else None,
     )
-    return promised(table, tolerance, refined.reasons)
+    return promised(table, tolerance, (*chosen.reasons, *refined.reasons))
 
 
 def main() -> None:
     """Command line: see the module docstring."""
     what = "Pressure table of a grating by the Fourier modal method"
-    arguments = table_arguments("optics.modal", what, 1e-4, 0.4227, slices=SLICES)
-    cell = upright(read_grating(arguments.cell, arguments.wavelength_nm), arguments.slices)
+    arguments = table_arguments("optics.modal", what, 1e-4, 0.4227, most_minutes=MOST_MINUTES)
+    cell = read_grating(arguments.cell, arguments.wavelength_nm)
     check_range(cell.surroundings.front, arguments.u_max, arguments.v_max)
     with threadpool_limits(1):
-        table = make_table(cell, arguments.u_max, arguments.v_max, arguments.tolerance)
+        table = make_table(cell, arguments.u_max, arguments.v_max, arguments.tolerance, arguments.most_minutes)
     finish(table, arguments.out, arguments.accept_missed)
 
 

@@ -5,8 +5,9 @@ The rest is smooth; rows and lines follow it as they do without resonances.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,7 +24,7 @@ _LOWEST, _BETWEEN = 0.05, 0.2
 _SCOUTED = 9  # lines on which resonances are looked for first
 # Against 1.5 times the orders, which have 0.3 to 0.45 of the error, this times the difference is at least the error.
 _SEEN = 2.0
-# Orders for the sake of resonances are raised by FINER until that many more change them by less than this share.
+# Errors are seen against FINER times the orders. Those are raised until more change resonances by less than this share.
 FINER, _SETTLED = 1.5, 0.15
 
 
@@ -59,19 +60,18 @@ def are_there(scout: Solve, samples: Samples, window: Window, tolerance: float) 
 
 
 def enough_orders(
-    solver: Callable[[int], Solve], order: int, most: int, samples: Samples, window: Window, tolerance: float
+    solver: Callable[[int], Solve], rungs: Sequence[int], samples: Samples, window: Window, tolerance: float
 ) -> int:
-    """Orders, from `order` to `most`, with which resonances on a few lines are settled to a share of the tolerance."""
+    """The first rung, or the last, with which resonances on a few lines are settled to a share of the tolerance."""
     v = samples.v[[0, samples.v.size // 2, -1]]
-    lines = _lines(solver(order), samples, window, v, _LOWEST * tolerance)
-    while order < most:
-        finer = int(np.ceil(FINER * order))
+    lines = _lines(solver(rungs[0]), samples, window, v, _LOWEST * tolerance)
+    for order, finer in pairwise(rungs):
         more = _lines(solver(finer), samples, window, v, _LOWEST * tolerance)
         apart = max(difference(a, b, window, samples.leading) for a, b in zip(lines, more, strict=True))
         if apart <= _SETTLED * tolerance:
             return order
-        order, lines = finer, more
-    return order
+        lines = more
+    return rungs[-1]
 
 
 def _added(samples: Samples, resonances: Resonances, sign: float) -> Samples:

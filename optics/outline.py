@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,11 +33,14 @@ def read_grating(path: str | Path, wavelength_nm: float | None = None) -> Gratin
     return cell
 
 
+def is_upright(cell: Grating) -> TypeGuard[Metagrating | LamellarStack]:
+    """Whether all walls are upright, so that no slices are needed."""
+    return not (isinstance(cell, Profile) or (isinstance(cell, Metagrating) and cell.corner_radius_nm > 0))
+
+
 def upright(cell: Grating, slices: int = SLICES) -> Metagrating | LamellarStack:
     """The cell as the modal method takes it: itself, or where its walls aren't upright its staircase."""
-    if isinstance(cell, Profile) or (isinstance(cell, Metagrating) and cell.corner_radius_nm > 0):
-        return staircase(cell, slices)
-    return cell
+    return cell if is_upright(cell) else staircase(cell, slices)
 
 
 def depth_nm(cell: Grating) -> float:

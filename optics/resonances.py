@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optics.rational import Complexes, Rational, fit
 from optics.strips import NEAR, Curves, Floats, to_tau
@@ -167,11 +168,11 @@ def _strip(solve: Along, v: float, a: float, b: float, rows: Floats, values: Flo
     return strip
 
 
-def _once(p: Complexes) -> list[int]:
-    """Poles that are not found again in the neighbouring strip."""
+def _once(p: Complexes, strip: NDArray[np.int64]) -> list[int]:
+    """Poles that are not found again in a neighbouring strip."""
     kept: list[int] = []
     for k in np.argsort(p.real):
-        if all(abs(p[k] - p[other]) > max(p[k].imag, p[other].imag) for other in kept):
+        if all(strip[k] == strip[j] or abs(p[k] - p[j]) > max(p[k].imag, p[j].imag) for j in kept):
             kept.append(int(k))
     return kept
 
@@ -198,5 +199,6 @@ def find_poles(
             missed.append(((a + b) / 2, strip.error))
     p, h = np.concatenate([p for p, _ in found]), np.concatenate([h for _, h in found], axis=1)
     h = h * _fade(p.imag / _WIDE_U) * window.felt(p.real)
-    kept = [k for k in _once(p) if np.abs(h[:, k]).max() > lowest]
+    strips = np.repeat(np.arange(len(found)), [p.size for p, _ in found])
+    kept = [k for k in _once(p, strips) if np.abs(h[:, k]).max() > lowest]
     return LinePoles(v, p[kept], h[:, kept], tuple(missed))

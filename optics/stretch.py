@@ -34,7 +34,8 @@ _SMOOTH, _METAL = (-1 / 2, 1.0, -1 / 2), (1 / 6, -2 / 3, 1.0, -2 / 3, 1 / 6)
 # At most this share of ξ is dealt out evenly among the intervals, the rest by their widths.
 _EVEN = 0.5
 # f at a wall is (2.1 intervals / order)³ of its mean: finer than the orders resolve it would only cost digits.
-_FLOOR, _LEAST = 2.1, 1e-4
+# (of metal more so, whose matrices are not Hermitian).
+_FLOOR, _LEAST, _LEAST_METAL = 2.1, 1e-4, 1e-3
 # The longest step of the basis is to leave this many orders for each wave that runs in the densest material.
 _FILL = 0.7
 _STRENGTHS = np.linspace(1.0, 0.05, 20)
@@ -171,7 +172,7 @@ def _value(layer: tuple[complex, tuple[Piece, ...]], x: float) -> complex:
 def stretch(of: Mesh, order: int) -> Stretch | None:
     """The strongest stretch that leaves enough orders for the waves that run; None where orders are too few for any."""
     k, form = len(of.walls), np.array(_METAL if of.metal else _SMOOTH)
-    floor = max(_LEAST, (_FLOOR * k / order) ** 3) if k else 1.0
+    floor = max(_LEAST_METAL if of.metal else _LEAST, (_FLOOR * k / order) ** 3) if k else 1.0
     x = np.array([*of.walls, *(wall + 1.0 for wall in of.walls[:1])])
     for strength in _STRENGTHS if floor < 1 else ():
         depth = strength * (1 - floor)

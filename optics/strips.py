@@ -91,7 +91,7 @@ def rayleigh_curves(pitch: float, indices: tuple[float, ...], u_min: float, u_ma
         return no_curves()
     order, sign, index, shift = (np.array(column) for column in zip(*found, strict=True))
     curves = Curves(order.astype(np.int64), sign, index, shift, 0.0 * shift)
-    return curves.take(curves.inside(np.linspace(0.0, v_max, 257), u_min, u_max).any(axis=1))
+    return curves.take(np.any(curves.inside(np.linspace(0.0, v_max, 257), u_min, u_max), axis=1))
 
 
 def _crossings(curves: Curves, i: int, j: int) -> list[float]:

@@ -26,6 +26,7 @@ from optics.hdf5 import write_bytes
 from optics.interpolation import Floats, TableArrays, lookup_many, lookup_slopes_many, pack
 from optics.interpolation import lookup as lookup
 from optics.patches import Values, make_patches
+from optics.section import Section, cross_section
 from optics.strips import Curves, lay_out, no_curves
 from optics.tracks import Resonances, without
 
@@ -166,6 +167,11 @@ class PressureTable:
     def name(self) -> str:
         """Name of the cell the table belongs to."""
         return str(self.attrs.get("name", ""))
+
+    @cached_property
+    def section(self) -> Section | None:
+        """Cross-section of the cell the table was made for; None where the table does not hold the cell."""
+        return cross_section(self.attrs["cell"]) if "cell" in self.attrs else None
 
     def _variables(self) -> Variables:
         """Every number of the table, as it is named in a file: dims, array, long name."""

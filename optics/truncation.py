@@ -1,60 +1,269 @@
-"""How many diffraction orders a table needs, and the error that is left: the truncation of the modal method."""
+"""How many diffraction orders and slices a table needs, and the error that is left, from rates that are measured.
+
+Few directions are solved with ever more orders, rung by rung of a ladder. Changes e_j from rung j to j + 1 fall as
+C N_j^−p; p is fitted over at least three changes, four rungs. Beyond the last rung M, errors that add up come to
+
+    Σ e = e_M / (1 − r^−p),   e_M = e_j (N_j / M)^p,   r the step of the ladder,
+
+taken from the larger of the last two changes of each direction and enlarged by the scatter of the fit. A coarser rung
+errs by its distance from the last one more. A table's own directions are solved with two coarser rungs; their
+differences give the error by a factor that is calibrated on the few directions, where the error is known.
+
+Walls that are not upright are cut into slices, each as the outline is at its middle: the error is of second order in
+their thickness. What is found with all and with half of the slices is extrapolated, q + (q − q_half)/3, and the ladder
+climbed with extrapolated values.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
 from optics.cells import LamellarStack, Metagrating
 from optics.files import InputError
 from optics.incidence import Floats, worst_polarisation
-from optics.lamellar import solve
+from optics.lamellar import Response, solve
+from optics.limit import refuse_without_limit
+from optics.outline import Grating, is_upright, upright
+from optics.scattering import NEGLIGIBLE
 
-_LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 100, 125, 150)
-_SEEN = 0.6
+LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 90, 110, 135, 165, 200, 245, 300)
+# Beyond this a ladder only goes where orders that run need it.
+_HIGHEST = 100
+_BELOW = (5, 6)  # coarser than the ladder, to compare with
+SLICES = (8, 16, 32, 64, 128, 256)
+# How many orders it takes shows with few slices, which cost little.
+_FEW_SLICES = 12
+# Shares of the tolerance for the error of orders and of slices; the share of directions that has to keep it.
+_SHARE, _QUANTILE = 0.25, 0.99
+_RATES = (0.3, 6.0)
+_FITTED = 4  # changes
+# The calibrated factor covers this share of the directions that it is calibrated on, with room for others.
+_COVERED, _SAFETY = 0.97, 1.5
+_LEAST = 1e-12
 
 
-def propagating(cell: Metagrating | LamellarStack, u_max: float) -> int:
+class Forces(NamedTuple):
+    """What of a `Response` errors are told of: q (n_u, n_v, 3), q_stokes (n_u, n_v, 4, 3)."""
+
+    q: Floats
+    q_stokes: Floats
+
+
+def change(a: Forces | Response, b: Forces | Response) -> tuple[Floats, Floats]:
+    """Largest difference (n_u, n_v) of q in the cell's own polarisation, and in any."""
+    own = np.abs(a.q - b.q).max(axis=-1)
+    return own, worst_polarisation(np.moveaxis(a.q_stokes - b.q_stokes, -2, 0)).max(axis=-1)
+
+
+def fitted_rate(rungs: Sequence[int], changes: Sequence[Floats]) -> tuple[float, float]:
+    """Rate p of changes C N^−p from the lower of two rungs each, and the scatter of their logarithms about it."""
+    x = np.log(np.array(rungs[: len(changes)], float))[-_FITTED:]
+    y = np.log([max(float(np.quantile(part, 0.9)), 1e-15) for part in changes[-_FITTED:]])
+    slope, constant = np.polyfit(x, y, 1)
+    scatter = float(np.std(y - constant - slope * x))
+    return float(np.clip(-slope, *_RATES)), scatter
+
+
+def remaining(rungs: Sequence[int], changes: Sequence[Floats]) -> Floats:
+    """Error of the last of the rungs in each direction."""
+    rate, scatter = fitted_rate(rungs, changes)
+    last, step = rungs[-1], rungs[-1] / rungs[-2]
+    recent = [part * (n / last) ** rate for n, part in zip(rungs[-3:-1], changes[-2:], strict=True)]
+    return np.asarray(np.max(recent, axis=0) * np.exp(scatter) / (1.0 - step**-rate))
+
+
+@dataclass(frozen=True)
+class Climb:
+    """A ladder climbed: its rungs, what was found on each, the rung chosen and its error (n_directions, measured)."""
+
+    rungs: tuple[int, ...]
+    found: tuple[Response, ...]
+    chosen: int
+    error: Floats
+    met: bool
+
+    @property
+    def rung(self) -> int:
+        """The rung chosen."""
+        return self.rungs[self.chosen]
+
+    def typical(self) -> float:
+        """Error at 99 % of the directions."""
+        return float(np.quantile(self.error, _QUANTILE))
+
+
+def climb(at: Callable[[int], Response], ladder: Sequence[int], goal: float) -> Climb:
+    """The first rung whose error is below `goal`, seen from the rungs above it; the last one where none is."""
+    found: list[Response] = []
+    changes: list[Floats] = []
+    for i, rung in enumerate(ladder):
+        found.append(at(rung))
+        if i:
+            changes.append(change(found[-1], found[-2])[1])
+        if len(changes) < _FITTED - 1:
+            continue
+        left = remaining(ladder[: i + 1], changes)
+        for k in range(i + 1):
+            error = left + change(found[k], found[i])[1]
+            if np.quantile(error, _QUANTILE) <= goal:
+                return Climb(tuple(ladder[: i + 1]), tuple(found), k, error, True)
+    return Climb(tuple(ladder), tuple(found), len(ladder) - 1, left, False)
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """Error of a rung from the differences to coarser ones: factor × Σ weight × difference."""
+
+    coarser: tuple[int, ...]
+    weights: tuple[float, ...]
+    factor: float
+
+    def read(self, fine: Forces | Response, coarse: Sequence[Response]) -> tuple[Floats, Floats]:
+        """Errors (n_u, n_v) in the cell's own polarisation and in any."""
+        parts = [change(fine, other) for other in coarse]
+        own, every = (sum(w * part[i] for w, part in zip(self.weights, parts, strict=True)) for i in (0, 1))
+        return np.maximum(self.factor * own, _LEAST), np.maximum(self.factor * every, _LEAST)
+
+
+def gauge(up: Climb, at: Callable[[int], Response], below: Sequence[int]) -> Gauge:
+    """How the error of a climb's rung shows in its differences to the two rungs below it."""
+    ladder = [*below, *up.rungs]
+    place = len(below) + up.chosen
+    coarser = tuple(ladder[max(0, place - 2) : place][::-1])
+    known = dict(zip(up.rungs, up.found, strict=True))
+    fine = up.found[up.chosen]
+    parts = [change(fine, known[n] if n in known else at(n))[1] for n in coarser]
+    sizes = [max(float(np.median(part)), _LEAST) for part in parts]
+    weights = tuple(sizes[0] / size for size in sizes)
+    total = np.sum([w * part for w, part in zip(weights, parts, strict=True)], axis=0)
+    factor = _SAFETY * float(np.quantile(up.error / np.maximum(total, _LEAST), _COVERED))
+    return Gauge(coarser, weights, factor)
+
+
+def extrapolated(fine: Response, half: Response) -> Response:
+    """What infinitely many slices give, from some and half of them, to second order."""
+    parts = ((getattr(fine, field.name), getattr(half, field.name)) for field in fields(Response))
+    return Response(*(a + (a - b) / 3 for a, b in parts))
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A cell as the modal method takes it, its orders and slices, and how to tell their errors.
+
+    half, few: the cell with half the slices and with few, None where its walls are upright. reasons: why a tolerance is
+    missed.
+    """
+
+    cell: Metagrating | LamellarStack
+    order: int
+    gauge: Gauge
+    slices: int | None = None
+    half: Metagrating | LamellarStack | None = None
+    few: Metagrating | LamellarStack | None = None
+    slice_factor: float = 0.0
+    reasons: tuple[str, ...] = ()
+
+    @property
+    def settings(self) -> dict[str, int]:
+        """Orders and, where there are any, slices, as a table notes them."""
+        return {"orders": self.order} | ({} if self.slices is None else {"slices": self.slices})
+
+    def solve(self, u: Floats, v: Floats, negligible: float = NEGLIGIBLE, order: int | None = None) -> Response:
+        """Response over u × v with the orders chosen, or others; extrapolated where there are slices."""
+        fine = solve(self.cell, u, v, order or self.order, negligible)
+        if self.half is None:
+            return fine
+        return extrapolated(fine, solve(self.half, u, v, order or self.order, negligible))
+
+    def errors(
+        self, u: Floats, v: Floats, fine: Forces | Response, negligible: float = NEGLIGIBLE
+    ) -> tuple[Floats, Floats]:
+        """Error (n_u, n_v) of what was found from orders and slices, in the cell's own polarisation and in any."""
+        cell = self.few or self.cell
+        base = solve(cell, u, v, self.order, negligible) if self.few else fine
+        own, every = self.gauge.read(base, [solve(cell, u, v, n, negligible) for n in self.gauge.coarser])
+        if self.half is None:
+            return own, every
+        more = change(fine, solve(self.half, u, v, self.order, negligible))
+        return own + self.slice_factor * more[0], every + self.slice_factor * more[1]
+
+
+def propagating(cell: Grating, u_max: float) -> int:
     """Highest diffraction order that may leave the cell for |u| ≤ u_max; InputError beyond what can be solved."""
     reach = max(cell.surroundings.front, cell.surroundings.back) + u_max
-    if reach > _LADDER[-3] * cell.pitch:
+    if reach > LADDER[-4] * cell.pitch:
         raise InputError(
             f"{cell.name}: period_nm = {cell.period_nm:g}: must be at most "
-            f"{_LADDER[-3] * cell.wavelength_nm / reach:g}; more than ±{_LADDER[-3]} diffraction orders would propagate"
+            f"{LADDER[-4] * cell.wavelength_nm / reach:g}; more than ±{LADDER[-4]} diffraction orders would propagate"
         )
     return int(reach / cell.pitch)
 
 
-def choose_order(cell: Metagrating | LamellarStack, u: Floats, v: Floats, tolerance: float) -> int:
-    """Fewest orders whose error is below `tolerance` at 95 % of u × v.
+def rungs(cell: Grating, u_max: float) -> tuple[int, ...]:
+    """The ladder of orders for a cell: from the first that holds all orders that run, four rungs at least."""
+    least = propagating(cell, u_max)
+    first = next(i for i, n in enumerate(LADDER) if n >= least)
+    last = max(next(i for i, n in enumerate(LADDER) if n >= _HIGHEST), first + 4)
+    return LADDER[first:last]
 
-    It is seen against 1.5 times as many orders (the next but one step), which still have 0.4 of it, as N⁻² falls.
+
+def finer_rungs(order: int) -> list[int]:
+    """Orders from a rung on, each about half as many more than the one before, as far as resonances may need them."""
+    return [order, *[n for n in LADDER if order < n <= _HIGHEST][1::2]]
+
+
+def with_order(chosen: Chosen, order: int) -> Chosen:
+    """The same with a higher rung; its error shows in the rungs below it as that of the other did in those."""
+    below = tuple([n for n in LADDER if n < order][: -len(chosen.gauge.coarser) - 1 : -1])
+    return replace(chosen, order=order, gauge=replace(chosen.gauge, coarser=below))
+
+
+def choose(cell: Grating, u_max: float, v_max: float, tolerance: float) -> Chosen:
+    """Fewest orders, and for walls that are not upright slices, whose error is a part of `tolerance`.
+
+    InputError where there is no limit (`optics.limit`).
     """
-    least = propagating(cell, float(np.abs(u).max()))
-    results: dict[int, Floats] = {}
-    for order, finer in zip(_LADDER, _LADDER[2:], strict=False):
-        if order < least:
-            continue
-        for n in (order, finer):
-            if n not in results:
-                results[n] = solve(cell, u, v, n).q
-        if np.quantile(np.abs(results[order] - results[finer]).max(axis=-1), 0.95) <= _SEEN * tolerance:
-            return order
-    raise InputError(f"tolerance = {tolerance:g}: not reached with ±{_LADDER[-3]} diffraction orders; allow more")
+    refuse_without_limit(cell)
+    u, v = np.linspace(-u_max, 0.93 * u_max, 16), v_max * np.array([0.03, 0.5, 0.97])
+    ladder = rungs(cell, u_max)
+    if is_upright(cell):
+        return _orders(cell, u, v, ladder, tolerance)
+    return _with_slices(cell, u[::2], v[::2], ladder, tolerance)
 
 
-def order_error(
-    cell: Metagrating | LamellarStack, u: Floats, v: Floats, order: int, q: Floats, q_stokes: Floats
-) -> tuple[Floats, Floats]:
-    """Estimated error (n_u, n_v) from truncation at `order` of q (n_u, n_v, 3), and of q_stokes (n_u, n_v, 4, 3).
+def _orders(
+    stack: Metagrating | LamellarStack, u: Floats, v: Floats, ladder: Sequence[int], tolerance: float
+) -> Chosen:
+    """Orders of a cell with upright walls."""
 
-    The first is that in the cell's own polarisation, the second the largest in any. Half the changes from 0.7 and 0.6
-    of the orders and a quarter from half. Errors fall between N⁻² and N⁻³,
-    with beats that depend on where the ridges lie: each change is one to seven times the error of `order`, but any one
-    of them may vanish. `workflow/benchmarks/error_estimate.py` shows how often the sum covers the error.
-    """
-    own, every = np.full((2, u.size, v.size), 1e-13)
-    for share, weight in ((0.7, 0.5), (0.6, 0.5), (0.5, 0.25)):
-        coarser = solve(cell, u, v, int(np.ceil(share * order)))
-        own += weight * np.abs(coarser.q - q).max(axis=-1)
-        every += weight * worst_polarisation(np.moveaxis(coarser.q_stokes - q_stokes, -2, 0)).max(axis=-1)
-    return own, every
+    def at(order: int) -> Response:
+        return solve(stack, u, v, order)
+
+    up = climb(at, ladder, _SHARE * tolerance)
+    below = [n for n in (*_BELOW, *LADDER) if n < ladder[0]][-2:]
+    return Chosen(stack, up.rung, gauge(up, at, below), reasons=_why(up, "diffraction orders", "±"))
+
+
+def _why(up: Climb, what: str, sign: str = "") -> tuple[str, ...]:
+    return () if up.met else (f"slow convergence: error {up.typical():.1g} at {sign}{up.rung} {what}",)
+
+
+def _with_slices(cell: Grating, u: Floats, v: Floats, ladder: Sequence[int], tolerance: float) -> Chosen:
+    """Slices at few orders, and orders at few slices: neither error knows much of the other's number."""
+
+    @cache
+    def plain(count: int) -> Response:
+        return solve(upright(cell, count), u, v, ladder[1])
+
+    up = climb(lambda count: extrapolated(plain(count), plain(count // 2)), SLICES, _SHARE * tolerance)
+    found = _orders(few := upright(cell, _FEW_SLICES), u, v, ladder, tolerance)
+    seen = np.maximum(change(up.found[up.chosen], plain(up.rung // 2))[1], _LEAST)
+    return Chosen(
+        upright(cell, up.rung), found.order, found.gauge, up.rung, upright(cell, up.rung // 2), few,
+        _SAFETY * float(np.quantile(up.error / seen, _COVERED)), _why(up, "slices") + found.reasons,
+    )

@@ -11,6 +11,7 @@ import pandas as pd
 import yaml
 from family import Family, read_family
 
+from dynamics.materials import Material
 from dynamics.scene import Scene, read_scene
 from optics.files import atomic, run_stage
 
@@ -24,14 +25,15 @@ def best_members(family: Family, screened: pd.DataFrame) -> pd.DataFrame:
 
 
 def scene_of(base: Scene, member: pd.Series, designs: dict[str, str]) -> dict[str, Any]:
-    """The base scene with a member's cells, sectors, spin, beam and thicknesses; `designs` by those of the base."""
+    """The base scene with a member's cells, sectors, spin and beam; `designs` by those of the base."""
     data = base.model_dump(exclude_none=True)
     half = float(member["sail.sector_deg"]) / 2.0
     starts = (half, 180.0 - half, 180.0 + half, 360.0 - half)
     for sector, described, start in zip(data["sail"]["sectors"], base.sail.sectors, starts, strict=True):
         sector["from_deg"], sector["design"] = start, designs[str(described.design)]
-        thickness = float(member[f"{sector['design']}.mean_thickness_m"])
-        sector["material"] = described.properties.model_copy(update={"thickness_m": thickness}).model_dump()
+        sector.pop("thickness_m", None)  # and that of the material: the member's cell has its own
+        if isinstance(described.material, Material):
+            sector["material"] = described.material.model_copy(update={"thickness_m": None}).model_dump()
     data["beam"]["radius_m"] = float(member["sail.beam_radius_m"])
     data["release"]["spin_Hz"] = float(member["sail.spin_Hz"])
     return data | {"name": "sail", "description": f"{base.description}; candidate of a screened family"}
@@ -46,8 +48,6 @@ def write(folder: Path, family: Family, base: Scene, screened: pd.DataFrame, cel
         files: dict[str, dict[str, Any]] = {}
         for group in ("te", "tm"):
             cell = cells[int(member[f"{group}_cell"])] | {"name": group}
-            fill = sum(width for _, width in cell["ridges_nm"]) / cell["period_nm"]
-            member[f"{group}.mean_thickness_m"] = 1e-9 * (cell["membrane_nm"] + cell["ridge_height_nm"] * fill)
             files[group] = cell
         files["sail"] = scene_of(base, member, designs)
         for name, data in files.items():

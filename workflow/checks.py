@@ -17,7 +17,7 @@ from dynamics.floquet import distance
 from optics.files import InputError, check_out, run_stage, write_json
 from optics.table import PressureTable
 
-LARGEST, NEARLY_ALL, MULTIPLIERS = 0.015, 0.0075, 1e-2
+LARGEST, NEARLY_ALL, MULTIPLIERS, ABSORPTANCE = 0.015, 0.0075, 1e-2, 0.03
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,18 @@ class Check:
 
 
 def table_checks(modal: Path, fdtd: Path) -> Iterator[Check]:
-    """|Δq| (q_g, q_n) over the directions of the FDTD table: the largest, and that which 95 % of them stay below."""
+    """|Δq| (q_g, q_n) over the directions of the FDTD table, largest and 95 %; absorptance at normal incidence."""
     rough, fine = PressureTable.read(fdtd), PressureTable.read(modal)
     q = fine.q(rough.u[:, None], rough.v)[..., [0, 2]]
     difference = np.abs(np.moveaxis(rough.q_nodes[[0, 2]], 0, -1) - q).max(axis=-1)
     yield Check(rough.name, "|Δq|, largest", float(difference.max()), LARGEST)
     yield Check(rough.name, "|Δq|, 95 % below", float(np.quantile(difference, 0.95)), NEARLY_ALL)
+    # What the sail is heated by: where it flies, at the direction nearest to normal incidence
+    i, j = np.argmin(np.abs(rough.u)), np.argmin(np.abs(rough.v))
+    absorbed = float(fine.absorptance(rough.u[i], rough.v[j]))
+    if absorbed > 0.0:
+        off = abs(rough.absorptance_nodes[i, j] / absorbed - 1.0)
+        yield Check(rough.name, "absorptance at normal incidence, relative", float(off), ABSORPTANCE)
 
 
 def multiplier_checks(modal: Path, fdtd: Path) -> Iterator[Check]:

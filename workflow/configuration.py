@@ -21,7 +21,9 @@ SOURCE = "workflow/config.yaml"
 Tolerance = Annotated[float, Field(gt=0, lt=1)]
 Cosine = Annotated[float, Field(gt=0, lt=1)]
 # A value given on the command line (`--config fdtd=false`) comes as text.
-Switch = Annotated[Literal["auto", True, False], BeforeValidator(lambda x: {"true": True, "false": False}.get(x, x))]
+Switch = Annotated[Literal["auto", True, False], BeforeValidator(
+    lambda x: {"true": True, "false": False}.get(x, x) if isinstance(x, str) else x
+)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
 
 
@@ -223,7 +225,7 @@ def _refuse(plan: Plan) -> None:
     """InputError where the parts of the configuration contradict each other."""
     for i, design in enumerate(plan.config.fdtd_designs):
         if design not in plan.gratings:
-            raise InputError(f"{SOURCE}: fdtd_designs.{i} = {design!r}: must be a grating; FDTD solves no films")
+            raise InputError(f"{SOURCE}: fdtd_designs[{i}] = {design!r}: must be a grating; FDTD solves no films")
     _refuse_tables(plan)
     _refuse_ranges(plan)
     _refuse_tilts(plan)

@@ -11,7 +11,7 @@ from dynamics.kernels.crew import dismiss
 from dynamics.kernels.elastic import Floats
 from dynamics.kernels.flown import Model, Work
 from dynamics.kernels.integrators import VERLET, State, accumulate, advance, copy
-from dynamics.kernels.record import write_due
+from dynamics.kernels.record import write_due, write_last
 from dynamics.kernels.spin import SpinUp, kick
 from dynamics.kernels.step import evaluate, warm_up
 
@@ -87,7 +87,7 @@ def _step(
         heating = model.warm and k == pieces - 1
         code = failure.INTACT
         if model.warm and k == 0:
-            code = warm_up(model, work, state.x, state.temperature, when)
+            code = warm_up(model, work, state.x, state.temperature, when, True)
         if code == failure.INTACT:
             code = evaluate(model, work, state.x, state.v, state.temperature, when, gain, True, heating)
         if code != failure.INTACT:
@@ -112,5 +112,6 @@ def run(
         if code == failure.INTACT:
             code, written = write_due(model, state, work, n, fresh, rows, written)
         fresh = False
+    written = write_last(model, state, work, n, code, rows, written)
     dismiss(work.stencil.scratch.board)
     return code, n, written

@@ -1,4 +1,4 @@
-"""Tearing and overheating: which edge fails first, and where."""
+"""Tearing and overheating: which edge or triangle fails first. Heat is tested at the nodes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numba
 import numpy as np
 
-from dynamics.kernels.elastic import Floats, Springs
+from dynamics.kernels.elastic import Floats, Indices, Springs
 from dynamics.kernels.thermal import hottest
 
 INTACT, TENSILE, THERMAL, LEFT_TABLE, FLY_AWAY, NON_FINITE, BROKEN, BEYOND = range(8)
@@ -34,15 +34,24 @@ def first_torn(springs: Springs, x: Floats, free: Floats) -> tuple[int, int]:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def first_burnt(springs: Springs, limit: Floats, lowest: float, temperature: Floats) -> tuple[int, int]:
-    """(THERMAL or NON_FINITE, edge) of the lowest edge whose mean temperature is past its limit; (INTACT, −1) if none.
+def first_burnt(corners: Indices, limit: Floats, lowest: float, temperature: Floats) -> tuple[int, int]:
+    """(THERMAL or NON_FINITE, triangle) of the lowest triangle with a node past its limit; (INTACT, −1) if none.
 
-    limit (e,) in K, of which `lowest` is the least; empty where nothing fails.
+    corners (3, t): nodes. limit (t,) in K, of which `lowest` is the least; empty where nothing fails.
     """
     if limit.size == 0 or hottest(temperature) <= lowest:
         return INTACT, -1
     for i in range(limit.size):
-        mean = 0.5 * (temperature[springs.start[i]] + temperature[springs.end[i]])
-        if not mean <= limit[i]:
-            return (THERMAL if mean < np.inf else NON_FINITE), i
+        c = hot_corner(corners, limit, temperature, i)
+        if c >= 0:
+            return (THERMAL if temperature[corners[c, i]] < np.inf else NON_FINITE), i
     return INTACT, -1
+
+
+@numba.njit(cache=True, inline="always")
+def hot_corner(corners: Indices, limit: Floats, temperature: Floats, i: int) -> int:
+    """The first corner of triangle i whose temperature is past its limit, or is no number; −1 if none."""
+    for c in range(3):
+        if not temperature[corners[c, i]] <= limit[i]:
+            return c
+    return -1

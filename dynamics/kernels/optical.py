@@ -50,8 +50,8 @@ class Light(NamedTuple):
     """Beam and optical response of the triangles.
 
     corners (3, t): node indices. cos_across, sin_across (t,): g against the first side. rest_g (2, t): g of the rest
-    layout. absorptance, reflectance (t,): of the material and of sectors without a table; absorptance −1 takes the
-    table's. ranges (s, 3): table (or −1), first and end triangle of each
+    layout. absorptance, reflectance (t,): of the material and of sectors without a table; absorptance −f takes f
+    times the table's. ranges (s, 3): table (or −1), first and end triangle of each
     sector. intensity, radius, delay, rise, on: the beam, in SI. yaw_blind: incidence from the lab tilt alone. clamp:
     count directions outside their table instead of stopping, unless the light comes from behind.
     """
@@ -243,7 +243,8 @@ def _hold(light: Light, work: LightWork, patch: Patch, begin: int, at: int, n: i
         along = scale * (q[j, 0] * cos - q[j, 1] * sin)
         aside = scale * (q[j, 0] * sin + q[j, 1] * cos)
         second = aside / (double * inverse)
-        work.absorbed[k] = power * (work.absorptance[k] if work.absorptance[k] >= 0.0 else q[j, 3])
+        share = work.absorptance[k]
+        work.absorbed[k] = power * (share if share >= 0.0 else -share * q[j, 3])
         patch.response[j, 0] = (along - second * frame[5, j]) * inverse
         patch.response[j, 1] = second
         patch.response[j, 2] = scale * q[j, 2] / double

@@ -62,7 +62,7 @@ def film(
     """What triangle i does to s and p light at that cosine of incidence; see `Film`.
 
     kind: its table, or −1 for constant reflectance, which is that of an ideal mirror; last: largest sine of the table.
-    absorptance: of both polarisations, or −1 for the table's.
+    absorptance: of both polarisations, or −f for f times the table's.
     """
     if kind < 0:
         r = math.sqrt(light.reflectance[i])
@@ -72,7 +72,7 @@ def film(
     if absorptance >= 0.0:
         return s_re, s_im, p_re, p_im, absorptance, absorptance
     a_s, a_p, _, _, _ = lookup(table(polariser.films, 2 * kind + 1), sine, 0.0)
-    return s_re, s_im, p_re, p_im, a_s, a_p
+    return s_re, s_im, p_re, p_im, -absorptance * a_s, -absorptance * a_p
 
 
 @numba.njit(cache=True, error_model="numpy")

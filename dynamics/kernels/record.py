@@ -18,15 +18,16 @@ from dynamics.kernels.triangles import Triangles, total
 
 #: Where each quantity of a row starts. `fit` is Σ m (x − c) X₀ᵀ (3, 3); `angular_momentum`, `inertia` (xx, yy, zz, xy,
 #: xz, yz) are about the centre of mass; `impulse` is the time integral of the optical force since the start;
-#: `power_reflected` leaves the sail in traced rays, 0 where reflections are off.
+#: `power_reflected` leaves the sail in traced rays, 0 where reflections are off. Temperatures are those of the nodes,
+#: which failure tests; `temperature_max_triangles` (published) is the largest mean of three corners.
 COLUMNS = {
     "time": 0, "position": 1, "velocity": 4, "fit": 7, "angular_momentum": 16, "inertia": 19, "temperature_max": 25,
     "temperature_min": 26, "temperature_mean": 27, "strain_max": 28, "strain_min": 29, "energy_kinetic": 30,
     "energy_elastic": 31, "power_incident": 32, "power_absorbed": 33, "power_radiated": 34, "force": 35, "torque": 38,
     "impulse": 41, "outside_table": 44, "power_reflected": 45, "failed_tensile": 46,
-    "failed_thermal": 47,
+    "failed_thermal": 47, "temperature_max_triangles": 48,
 }
-WIDTH = 48
+WIDTH = 49
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -68,13 +69,15 @@ def motion(masses: Floats, rest: Floats, x: Floats, v: Floats, row: Floats) -> N
 
 @numba.njit(cache=True, error_model="numpy")
 def warmth(triangles: Triangles, temperature: Floats, row: Floats) -> None:
-    """Largest, smallest and mass-weighted mean of the triangle temperatures (mean of the corners), K."""
-    row[25], row[26] = -np.inf, np.inf
+    """Largest, smallest and mass-weighted mean temperature of the nodes, and the largest of the triangles' means, K."""
+    row[25], row[26], row[48] = -np.inf, np.inf, -np.inf
+    for i in range(temperature.size):
+        row[25] = max(row[25], temperature[i])
+        row[26] = min(row[26], temperature[i])
     corners, masses = triangles.corners, triangles.masses
     for i in range(masses.size):
         mean = (temperature[corners[0, i]] + temperature[corners[1, i]] + temperature[corners[2, i]]) / 3.0
-        row[25] = max(row[25], mean)
-        row[26] = min(row[26], mean)
+        row[48] = max(row[48], mean)
         row[27] += masses[i] * mean
     row[27] /= total(masses, masses.size)
 
@@ -156,3 +159,11 @@ def write_due(
     if not due or (n == model.release and not fresh):
         return failure.INTACT, written
     return write_row(model, state, work, n, rows[written]), written + 1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def write_last(model: Model, state: State, work: Work, n: int, code: int, rows: Floats, written: int) -> int:
+    """Rows written, with one about the state that failed at step n, unless it has one or its numbers failed."""
+    if code in (failure.INTACT, failure.FLY_AWAY, failure.BROKEN, failure.NON_FINITE):
+        return written
+    return written + (write_row(model, state, work, n, rows[written]) != failure.NON_FINITE)

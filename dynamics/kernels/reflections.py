@@ -68,8 +68,8 @@ class MirrorWork(NamedTuple):
 def response(mirror: Mirror, light: Light, absorptance: Floats, i: int, cosine: float) -> tuple[float, float]:
     """Reflectance and absorptance of triangle i for light at that cosine of incidence; see `optical` for films.
 
-    absorptance (t,): as it is now, −1 for the table's. A film's table holds q_n = (2R + a) cos and, along the light,
-    a sin.
+    absorptance (t,): as it is now, −f for f times the table's. A film's table holds q_n = (2R + a) cos and, along the
+    light, a sin.
     """
     kind = mirror.kind[i]
     if kind < 0:
@@ -78,7 +78,7 @@ def response(mirror: Mirror, light: Light, absorptance: Floats, i: int, cosine: 
     last = mirror.last[kind]
     along, _, normal, absorbed, _ = lookup(table(light.tables, kind), sine, 0.0)
     loss = along / min(sine, last) if sine > 1e-6 else absorbed
-    heat = absorptance[i] if absorptance[i] >= 0.0 else absorbed
+    heat = absorptance[i] if absorptance[i] >= 0.0 else -absorptance[i] * absorbed
     # Beyond the table's last sine the ratio would no longer be that of one direction
     at = max(cosine, math.sqrt(max(1.0 - last * last, 1e-12)))
     return min(max(0.5 * (normal / at - loss), 0.0), 1.0 - heat), heat

@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 
 INSIDE, OUTSIDE_TABLE, LIT_FROM_BEHIND = 0, 1, 2
 MOTION = 13  # position 3, velocity 3, quaternion 4, angular velocity 3
+_DARK = -746.0  # below, exp is 0
 STATE = MOTION + 4  # and what the light has done: work 1, angular impulse 3
 
 
@@ -191,10 +192,12 @@ def moments(sail: RigidSail, rule: int, s: int, c: Floats) -> tuple[float, float
     for p in range(sail.rules.first[rule, s], sail.rules.first[rule, s + 1]):
         X, Y = points[p, 0], points[p, 1]
         tilt = c[4] * X + c[5] * Y
-        e = points[p, 3] * math.exp(points[p, 2] + c[0] + c[1] * X + c[2] * Y + c[3] * tilt * tilt)
-        total += e
-        first_x += e * X
-        first_y += e * Y
+        dark = points[p, 2] + c[0] + c[1] * X + c[2] * Y + c[3] * tilt * tilt
+        if dark > _DARK:
+            e = points[p, 3] * math.exp(dark)
+            total += e
+            first_x += e * X
+            first_y += e * Y
     return total, first_x - total * sail.centre[0], first_y - total * sail.centre[1]
 
 

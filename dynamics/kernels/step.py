@@ -26,7 +26,7 @@ from dynamics.kernels.elastic import Floats
 from dynamics.kernels.flown import Model, Work
 from dynamics.kernels.glide import add_impulse, free_run, gain_at, glide
 from dynamics.kernels.integrators import RK4, VERLET, State, accumulate, advance, advance_heat, copy
-from dynamics.kernels.record import write_due
+from dynamics.kernels.record import write_due, write_last
 from dynamics.kernels.spin import foresee, kick
 from dynamics.kernels.stencil import Pace
 from dynamics.kernels.sweep import add_up
@@ -68,19 +68,21 @@ def _light_up(model: Model, work: Work, x: Floats, v: Floats, temperature: Float
 
 
 @numba.njit(cache=True, error_model="numpy")
-def warm_up(model: Model, work: Work, x: Floats, temperature: Floats, t: float) -> int:
-    """Free lengths at new temperatures; INTACT, THERMAL or NON_FINITE."""
+def warm_up(model: Model, work: Work, x: Floats, temperature: Floats, t: float, whole: bool) -> int:
+    """Free lengths at new temperatures; INTACT, THERMAL or NON_FINITE. What fails is tested after `whole` steps."""
     layout, corners = model.stencil, model.triangles.corners
     sheet.grow(model.sheet, layout, corners, temperature, work.stencil.free)
     properties.grow(model.curves.expansion, model.sheet, layout, corners, temperature, work.stencil.free)
     elastic.free_lengths(model.springs, temperature, work.free)
     if model.springs.expansion.size > 0:
         stencil.spread(work.free, model.stencil.joins, work.stencil.lengths)
-    code, found = failure.first_burnt(model.springs, model.heat.limit, model.heat.lowest, temperature)
+    if not whole:
+        return failure.INTACT
+    code, found = failure.first_burnt(corners, model.heat.limit, model.heat.lowest, temperature)
     if code == failure.THERMAL and work.broken.failed.size > 0:
         tearing.burn(
             work.broken, model.sheet, work.sheet, model.heat, work.heat, work.light, layout, work.stencil.held,
-            model.springs, x, temperature, t,
+            model.springs, corners, x, temperature, t,
         )
         lay_out(model, work)
         return failure.INTACT
@@ -198,7 +200,7 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int)
         temperature = work.stage.temperature if not last and model.heat.every == 1 else state.temperature
         t = (now - model.release) * dt if last else (n - model.release + (1.0 if k == 2 else 0.5)) * dt
         if warmed:
-            code = warm_up(model, work, x, temperature, t)
+            code = warm_up(model, work, x, temperature, t, last)
             if code != failure.INTACT:
                 return code, now
         if not fresh and most > 1:
@@ -219,7 +221,7 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int)
 def run(
     model: Model, state: State, work: Work, n: int, stop: int, fresh: bool, rows: Floats
 ) -> tuple[int, int, int]:
-    """Steps from n to `stop`, with a row (·, WIDTH) every series_every steps, at t = 0 and at the end.
+    """Steps from n to `stop`, with a row (·, WIDTH) every series_every steps, at t = 0, at the end and where it fails.
 
     fresh: the state at n did not come from a step (the start, or after the release). Returns (failure code, step
     reached, rows written). With a code other than INTACT the state is the one in which it was found. Where the work
@@ -231,5 +233,6 @@ def run(
         if code == failure.INTACT:
             code, written = write_due(model, state, work, n, fresh, rows, written)
         fresh = False
+    written = write_last(model, state, work, n, code, rows, written)
     dismiss(work.stencil.scratch.board)
     return code, n, written

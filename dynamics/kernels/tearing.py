@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynamics.kernels import sheet, stencil
 from dynamics.kernels.elastic import Floats, Indices, Springs
-from dynamics.kernels.failure import INTACT, NON_FINITE
+from dynamics.kernels.failure import INTACT, NON_FINITE, hot_corner
 from dynamics.kernels.optical import LightWork
 from dynamics.kernels.sheet import Sheet, SheetWork
 from dynamics.kernels.stencil import Stencil, StencilWork
@@ -105,17 +105,15 @@ def tear(
 @numba.njit(cache=True, error_model="numpy")
 def burn(
     broken: Broken, model: Sheet, work: SheetWork, limits: Heat, heat: HeatWork, light: LightWork, layout: Stencil,
-    held: Floats, springs: Springs, x: Floats, temperature: Floats, t: float,
+    held: Floats, springs: Springs, corners: Indices, x: Floats, temperature: Floats, t: float,
 ) -> None:
-    """The same for triangles with a side whose mean temperature is above its limit."""
+    """The same for triangles with a node above their limit; the place is the middle of the side that starts there."""
     size = model.modulus.size
-    for i in range(size if limits.limit.size > 0 else 0):
-        for c in range(3):
-            side = model.sides[c * size + i]
-            mean = 0.5 * (temperature[springs.start[side]] + temperature[springs.end[side]])
-            if broken.failed[i] == 0 and mean > limits.limit[side]:
-                _note(broken, i, BY_HEAT, t, x, springs, side)
-                if broken.gone.size > 0:
-                    if work.limit.size > 0:
-                        work.limit[i] = np.inf
-                    _remove(broken, model, work, heat, light, layout, held, i)
+    for i in range(limits.limit.size):
+        c = hot_corner(corners, limits.limit, temperature, i)
+        if broken.failed[i] == 0 and c >= 0:
+            _note(broken, i, BY_HEAT, t, x, springs, model.sides[c * size + i])
+            if broken.gone.size > 0:
+                if work.limit.size > 0:
+                    work.limit[i] = np.inf
+                _remove(broken, model, work, heat, light, layout, held, i)

@@ -15,8 +15,8 @@ class Heat(NamedTuple):
     """Heat links of the lattice; what is off has no array.
 
     per_capacity (n,): thermal rate factor over heat capacity, K/J. absorbs: is the absorbed light counted. emission
-    (t,): one third of σ_SB (ε_front + ε_back), W/(m² K⁴); background: T_bg⁴ in K⁴. conductance (e,) in W/K. limit (e,):
-    failure temperature of the edges in K, lowest: the lowest of them. every: steps between updates.
+    (t,): one third of σ_SB (ε_front + ε_back), W/(m² K⁴); background: T_bg⁴ in K⁴. conductance (e,) in W/K. limit (t,):
+    failure temperature of the triangles in K, lowest: the lowest of them. every: steps between updates.
     """
 
     per_capacity: Floats

@@ -93,7 +93,7 @@ def test_across_along_and_normal_are_right_handed():
 
 def test_a_sector_gives_back_no_more_than_it_gets():
     black = {**MATERIALS["nitride_te"].model_dump(), "absorptance": 0.5}
-    with pytest.raises(InputError, match=r"sail.sectors.0.reflectance = 0.6: .* must not exceed 1"):
+    with pytest.raises(InputError, match=r"sail.sectors\[0\].reflectance = 0.6: .* must not exceed 1"):
         sail_shape(round_sail([{"from_deg": 0.0, "material": black, "reflectance": 0.6}]))
 
 

@@ -10,32 +10,10 @@ from dynamics import floquet, scene, screening
 from optics.files import InputError
 from optics.normal import NormalResponse
 from optics.table import PressureTable
+from tests.families import many_cells, many_members
 from tests.synthetic import smooth_tables
 
 FIG6 = scene.read_scene(Path(__file__).parents[2] / "workflow" / "scenes" / "fig6.yaml")
-
-
-def many_cells(n: int) -> pd.DataFrame:
-    """Responses of n pairs of made-up cells, TE then TM by turns; cell 3 has no derivative."""
-    random = np.random.default_rng(2)
-    te = np.array([0.152, 0.714, 1.21, -2.60, 4e-6])
-    tm = np.array([0.142, 0.233, 0.604, -0.203, 4e-6])
-    rows = np.stack([te, tm] * n) * random.uniform(0.3, 1.7, (2 * n, 5))
-    rows[3, 2:4] = np.nan
-    frame = pd.DataFrame(rows, columns=list(screening.NUMBERS)).assign(
-        cell=np.arange(2 * n), q_error=1e-4, gradient_error=1e-3, absorptance_error=1e-9,
-    )
-    return frame.assign(mean_thickness_m=np.where(frame["cell"] % 2, 1240e-9 / 3, 400e-9))
-
-
-def many_members(n: int) -> pd.DataFrame:
-    """Every pair of the cells, with sectors, spins and beams of their own."""
-    te, tm = (x.ravel() for x in np.meshgrid(np.arange(0, 2 * n, 2), np.arange(1, 2 * n, 2), indexing="ij"))
-    random = np.random.default_rng(3)
-    return pd.DataFrame({
-        "te_cell": te, "tm_cell": tm, "sail.sector_deg": random.uniform(40.0, 90.0, te.size),
-        "sail.spin_Hz": random.uniform(-150.0, 150.0, te.size), "sail.beam_radius_m": random.uniform(0.3, 0.6, te.size),
-    })
 
 
 def as_scene(member: pd.Series) -> scene.Scene:
@@ -99,6 +77,20 @@ def test_rank_counts_survivors_the_eligible_first_and_failures_not_at_all():
     assert ranked["rank"].tolist() == [1, -1, 2, -1, 0]
     assert ranked["eligible"].tolist() == [True, False, False, False, True]
     assert screening.rank(screened, "thrust_N", [])["rank"].tolist() == [1, -1, 2, -1, 0]
+
+
+def test_members_of_a_cell_without_a_limit_are_unresolved_and_never_ranked():
+    """Whatever its numbers and errors say: R = 0.23, 1.00, 0.77, 0.37, 0.90 at 20, 21, 40, 80, 150 orders."""
+    members, cells = many_members(6), many_cells(6)
+    before = screening.rank(screening.screen(FIG6, members, cells), "margin_1_s", [])
+    loser = 0
+    cells.loc[cells["cell"] == loser, "resolved"] = False
+    after = screening.rank(screening.screen(FIG6, members, cells), "margin_1_s", [])
+    touched = after["te_cell"] == loser
+    assert set(after["verdict"][touched]) <= {"unresolved", "impossible"}
+    assert (after["verdict"][touched] == "unresolved").sum() == 5
+    assert (after["rank"][touched] == -1).all()
+    assert (after["verdict"][~touched] == before["verdict"][~touched]).all()
 
 
 def test_a_missing_block_is_refused():

@@ -7,7 +7,6 @@ import pytest
 
 from dynamics.attitude import rotation_from_angles
 from dynamics.mesh import sail_mesh
-from dynamics.sail import sail_shape
 from dynamics.scene import read_scene
 from dynamics.table_error import membrane_errors, rigid_errors
 from tests.conftest import DESIGNS
@@ -32,7 +31,7 @@ def _scene(**more):
 def _both(scene, tables, roll=0.0, pitch=0.0, yaw=0.0, offset=(0.0, 0.0)):
     turn = rotation_from_angles(np.radians(roll), np.radians(pitch), np.radians(yaw))
     mesh, place = sail_mesh(scene.sail), np.array([*offset, 0.0])
-    rigid = rigid_errors(scene, tables, sail_shape(scene.sail), place[None], turn[None])
+    rigid = rigid_errors(scene, tables, place[None], turn[None])
     return rigid, membrane_errors(scene, tables, mesh, [mesh.nodes @ turn.T + place])
 
 

@@ -118,7 +118,7 @@ def test_motion_refuses_an_unusable_output_before_it_reads_or_computes(monkeypat
 def test_a_design_is_a_name_and_no_path(refused, tmp_path):
     scene = tmp_path / "fig6.yaml"
     scene.write_text(SCENE.replace("design: mark1e_te", "design: ../../x"), encoding="utf-8")
-    assert 'design = "../../x": String should match' in refused("dynamics.scene", "--scene", str(scene))
+    assert 'design = "../../x": must be made of letters, digits' in refused("dynamics.scene", "--scene", str(scene))
 
 
 def test_a_stage_run_as_a_program_ends_the_same_way(tmp_path):

@@ -17,6 +17,7 @@ from matplotlib.image import imread
 from dynamics import basin, floquet, maps, membrane, rigid
 from optics.modal import solve
 from optics.outline import read_grating, upright
+from optics.promise import promised
 from optics.table import PressureTable
 from tests.membranes import FIG6, altered
 from tests.synthetic import smooth_tables
@@ -44,10 +45,10 @@ def results(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("results")
     tables = smooth_tables()
     for name, table in tables.items():
-        for solver, sign in (("modal", 0.0), ("fdtd", 1e-3)):
+        for solver, sign, tolerance in (("modal", 0.0, 1e-3), ("fdtd", 1e-3, 1e-7)):
             table.q_nodes[2] += sign
-            table.attrs["solver"] = solver
-            table.write(folder / "tables" / name / f"{solver}.h5")
+            table.attrs.update(solver=solver, settings={"tolerance": tolerance})
+            promised(table, tolerance, ["made up"]).write(folder / "tables" / name / f"{solver}.h5")
     for name in SCENES:
         scene, out = folder / f"{name}.yaml", folder / "scenes" / name
         scene.write_text(_scene(name).model_dump_json(exclude_none=True), encoding="utf-8")
@@ -269,6 +270,11 @@ def test_the_summary_has_rows_of_every_kind(results, tmp_path):
     assert float(rows["stability", "spinning, modal tables", "largest |λ|"][0]) == pytest.approx(1, abs=0.2)
     assert float(rows["flight", "torn, flexible", "end"][0]) < 0
     assert rows["flight", "torn, flexible", "end reason"][0] == "tensile_failure"
+    assert rows["table", "mark1e_te, modal", "tolerance 0.001"] == ["met", ""]
+    assert rows["table", "mark1e_te, fdtd", "tolerance 1e-07"] == ["MISSED (made up)", ""]
+    assert rows["flight", "spinning, rigid", "largest table error on the way"] == ["1e-06", ""]
+    assert float(rows["flight", "spinning, flexible", "force error over thrust, at most"][0]) < 1e-5
+    assert not [row for row in rows if row[0] != "table" and "MISSED" in row[2]]
     assert rows["wall time", "te", "fdtd merge"] == ["2.5", "s"]
     assert rows["wall time", "te", "fdtd, all parts"] == ["5", "s"]
     assert "<table>" in (tmp_path / "summary.html").read_text(encoding="utf-8")

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from optics.cells import Metagrating, read_metagrating
 from optics.lamellar import solve
-from optics.truncation import choose_order
+from optics.truncation import choose
 
 RANGE = 0.4227
 TOLERANCE = 1e-3
@@ -29,7 +29,7 @@ NEGLIGIBLE = 1e-2 * TOLERANCE  # as in `optics.modal`
 def against_meent(cell: Metagrating, count: int) -> str:
     """One line: a table of 51 × 51 directions with either."""
     u, v = np.linspace(-RANGE, RANGE, 51), np.linspace(0.0, RANGE, 26)  # v < 0 is the mirror image
-    order = choose_order(cell, u[::2], v[[0, 13, 25]], TOLERANCE)
+    order = choose(cell, RANGE, RANGE, TOLERANCE).order
     error = np.quantile(np.abs(solve(cell, u, v, order).q - solve(cell, u, v, 60).q).max(axis=-1), 0.95)
     ours = seconds(lambda: solve(cell, u, v, order, NEGLIGIBLE), 6)
     rng = np.random.default_rng(0)
@@ -51,7 +51,7 @@ def growth(cell: Metagrating) -> list[str]:
         row, one = (seconds(lambda x=x, n=order: solve(cell, np.array([0.1]), x, n)) for x in (v, v[3:4]))
         lines.append(f"{order:6d} {1e3 * row:22.1f} {1e3 * one:24.1f}")
     u, v = np.linspace(-RANGE, RANGE, 201), np.linspace(0.0, RANGE, 101)
-    order = choose_order(cell, u[::8], v[[0, 50, 100]], TOLERANCE)
+    order = choose(cell, RANGE, RANGE, TOLERANCE).order
     large = seconds(lambda: solve(cell, u, v, order, NEGLIGIBLE), 1)
     lines.append(f"201 × 201 directions at ±{order} orders: {large:.1f} s")
     return lines

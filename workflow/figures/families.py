@@ -134,7 +134,8 @@ def draw_tolerances(screened: pd.DataFrame) -> Figure:
     """Share of stable sails with its 95 % interval, and their margins, over the scale of the errors."""
     figure, (share, margin) = plt.subplots(1, 2, figsize=(11, 4.2))
     members = screened.iloc[1:]
-    for verdict, colour in (("marginally_stable", BLUE), ("unstable", RED), ("undecided", ORANGE)):
+    shown = [("marginally_stable", BLUE), ("unstable", RED), ("undecided", ORANGE), ("unresolved", PURPLE)]
+    for verdict, colour in shown[: 4 if (members["verdict"] == "unresolved").any() else 3]:
         counts = members.assign(hit=members["verdict"] == verdict).groupby("scale")["hit"].agg(["sum", "count"])
         interval = [binomtest(int(k), int(n)).proportion_ci(0.95, "wilson") for k, n in counts.to_numpy()]
         value = (counts["sum"] / counts["count"]).to_numpy()
