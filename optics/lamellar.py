@@ -244,7 +244,7 @@ def prepare(cell: Metagrating | LamellarStack, stretched: bool = True) -> Stack:
     return Stack(stack.pitch, layers[: last + 1], layers[last + 1 :], around.front, back, walls, averaged)
 
 
-def incident(u: Floats, v: Floats, order: int, index: float) -> tuple[Complexes, Complexes]:
+def incident_light(u: Floats, v: Floats, order: int, index: float) -> tuple[Complexes, Complexes]:
     """ẑ × E and h (n_d, 2n, 2) of unit light in the zeroth order, polarised along each of the two basis vectors."""
     n = 2 * order + 1
     e, h = np.zeros((2, v.size, 2 * n, 2), complex)
@@ -293,7 +293,7 @@ def efficiencies(
     _, y_front = half_space(u_m, v, complex(stack.front_index) ** 2)
     front = blocks((1 - y_front) / (1 + y_front), u_m, v)
     rho, through = tail(stack.behind, stack.back, u_m, v)
-    e_in, h_in = incident(u, v, order, stack.front_index)
+    e_in, h_in = incident_light(u, v, order, stack.front_index)
     source = e_in + h_in - apply_blocks(front, e_in - h_in)
     top, bottom = through_layers(stack, bases, starts, v, front, blocks(rho, u_m, v), source, negligible)
 

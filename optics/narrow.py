@@ -5,15 +5,17 @@ The rest is smooth; rows and lines follow it as they do without resonances.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from optics.rational import Complexes
-from optics.refinement import Measures, Refined, Samples, Solve, refine, together
-from optics.resonances import Along, LinePoles, find_poles
-from optics.strips import Curves, Floats
+from optics.refinement import Measures, Refined, refine, together
+from optics.resonances import Along, LinePoles, Window, find_poles
+from optics.samples import Samples, Solve
+from optics.strips import Floats
 from optics.tracks import Followed, Resonances, difference, follow
 from optics.verification import beside_poles, raise_beside
 
@@ -22,7 +24,7 @@ _LOWEST, _BETWEEN = 0.05, 0.2
 _SCOUTED = 9  # lines on which resonances are looked for first
 # Against 1.5 times the orders, which have 0.3 to 0.45 of the error, this times the difference is at least the error.
 _SEEN = 2.0
-# Orders for the sake of resonances are raised by FINER until that many more change them by less than this share.
+# Errors are seen against FINER times the orders. Those are raised until more change resonances by less than this share.
 FINER, _SETTLED = 1.5, 0.15
 
 
@@ -31,49 +33,45 @@ def _along(solve: Solve) -> Along:
     return lambda u, v: solve(u, np.array([v]))[:, :, 0]
 
 
-def _lines(solve: Solve, samples: Samples, curves: Curves, v: Floats, lowest: float) -> list[LinePoles]:
+def _lines(solve: Solve, samples: Samples, window: Window, v: Floats, lowest: float) -> list[LinePoles]:
     """Poles on lines v; the rows of all are solved together."""
-    window, nodes = (float(samples.u[0]), float(samples.u[-1])), solve(samples.u, v)
-    return [
-        find_poles(_along(solve), curves, window, samples.u, float(y), lowest, nodes[:, :, j]) for j, y in enumerate(v)
-    ]
+    nodes = solve(samples.u, v)
+    return [find_poles(_along(solve), window, samples.u, float(y), lowest, nodes[:, :, j]) for j, y in enumerate(v)]
 
 
-def _look(samples: Samples, curves: Curves, tolerance: float, name: str) -> Followed:
+def _look(samples: Samples, window: Window, tolerance: float, name: str) -> Followed:
     """The narrow resonances of the response on all lines of the samples, followed in between."""
-    window, lowest = (float(samples.u[0]), float(samples.u[-1])), _LOWEST * tolerance
+    lowest = _LOWEST * tolerance
 
     def find(v: float, known: Complexes) -> LinePoles:
-        return find_poles(_along(samples.solve), curves, window, samples.u, v, lowest, known=known)
+        return find_poles(_along(samples.solve), window, samples.u, v, lowest, known=known)
 
     lines = [
-        find_poles(_along(samples.solve), curves, window, samples.u, float(v), lowest, samples.nodes[:, :, j])
+        find_poles(_along(samples.solve), window, samples.u, float(v), lowest, samples.nodes[:, :, j])
         for j, v in enumerate(samples.v)
     ]
     return follow(find, lines, window, samples.parity, samples.leading, _BETWEEN * tolerance, name)
 
 
-def are_there(scout: Solve, samples: Samples, curves: Curves, tolerance: float) -> bool:
+def are_there(scout: Solve, samples: Samples, window: Window, tolerance: float) -> bool:
     """Whether there are any resonances to be taken out, as seen by a solver of few orders on some lines."""
     v = samples.v[np.unique(np.linspace(0, samples.v.size - 1, _SCOUTED).round().astype(int))]
-    return any(line.p.size for line in _lines(scout, samples, curves, v, _LOWEST * tolerance))
+    return any(line.p.size for line in _lines(scout, samples, window, v, _LOWEST * tolerance))
 
 
 def enough_orders(
-    solver: Callable[[int], Solve], order: int, most: int, samples: Samples, curves: Curves, tolerance: float
+    solver: Callable[[int], Solve], rungs: Sequence[int], samples: Samples, window: Window, tolerance: float
 ) -> int:
-    """Orders, from `order` to `most`, with which resonances on a few lines are settled to a share of the tolerance."""
+    """The first rung, or the last, with which resonances on a few lines are settled to a share of the tolerance."""
     v = samples.v[[0, samples.v.size // 2, -1]]
-    window = float(samples.u[0]), float(samples.u[-1])
-    lines = _lines(solver(order), samples, curves, v, _LOWEST * tolerance)
-    while order < most:
-        finer = int(np.ceil(FINER * order))
-        more = _lines(solver(finer), samples, curves, v, _LOWEST * tolerance)
+    lines = _lines(solver(rungs[0]), samples, window, v, _LOWEST * tolerance)
+    for order, finer in pairwise(rungs):
+        more = _lines(solver(finer), samples, window, v, _LOWEST * tolerance)
         apart = max(difference(a, b, window, samples.leading) for a, b in zip(lines, more, strict=True))
         if apart <= _SETTLED * tolerance:
             return order
-        order, lines = finer, more
-    return order
+        lines = more
+    return rungs[-1]
 
 
 def _added(samples: Samples, resonances: Resonances, sign: float) -> Samples:
@@ -90,13 +88,13 @@ def _added(samples: Samples, resonances: Resonances, sign: float) -> Samples:
 
 
 def refine_with_resonances(
-    samples: Samples, curves: Curves, finer: Solve, tolerance: float, measures: Measures, name: str = "table"
+    samples: Samples, window: Window, finer: Solve, tolerance: float, measures: Measures, name: str = "table"
 ) -> Refined:
     """`refine` of the response less its narrow resonances; `finer` solves with more orders.
 
     The samples that are returned hold the whole response at their nodes.
     """
-    followed = _look(samples, curves, tolerance, name)
+    followed = _look(samples, window, tolerance, name)
     found = followed.resonances
     reasons = [
         f"a search for resonances near u = {u:.4g}, v = {line.v:.4g} did not converge ({error:.1g})"

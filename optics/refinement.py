@@ -8,20 +8,18 @@ errors found go into the table's error estimate.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from optics.files import progress
-from optics.interpolation import TableArrays, lookup_many, pack
-from optics.patches import Values, make_patches
-from optics.strips import NEAR, Curves, Floats, lay_out
+from optics.interpolation import TableArrays, lookup_many
+from optics.samples import Samples, solve_each
+from optics.strips import NEAR, Curves, Floats
 from optics.tracks import Resonances, no_resonances
 from optics.verification import cover, errors_at, spread_evenly, stated
 
-# k quantities (k, n_u, n_v) at directions u (n_u) × v (n_v).
-Solve = Callable[[Floats, Floats], Floats]
 # From errors of the k quantities (k, n, m) to one error (n, m).
 Measure = Callable[[Floats], Floats]
 Measures = Sequence[Measure]
@@ -31,71 +29,12 @@ _SMALLEST_ROOT = 4e-3
 _ROUNDS = 10
 _TEST_LINES, _TEST_ROWS, _TEST_BESIDE = 9, 32, 5
 _TEST_NARROW = (0.2, 0.5, 0.8)  # places in narrow strips
-_FIRST_BESIDE = 0.03
 # The tolerance is taken to this share of itself, one after the other, until the error that is stated of the
 # interpolation is within its part of the budget; the rest is for the orders.
 _PASSES, _BUDGET = (1.0, 0.6, 0.36, 0.2), 0.6
+# No error is stated as less than this share of the tolerance.
+_LEAST = 0.03
 _WORTH = 0.9  # a pass that leaves more than this of the error is the last one
-
-
-@dataclass(frozen=True)
-class Samples:
-    """What the solver found: `nodes` (k, n_u, n_v) on rows u × lines v, `on_curves` (k, n_curves, n_v).
-
-    `on_curves` is NaN where a curve is outside the window. `parity` (k): of each quantity under v → −v. The first
-    `leading` of them are to be interpolated well; the others come along.
-    """
-
-    solve: Solve
-    parity: Floats
-    leading: int
-    u: Floats
-    v: Floats
-    curves: Curves
-    nodes: Floats
-    on_curves: Floats
-
-    def arrays(self, n: int) -> TableArrays:
-        """The table that the samples make of the first n quantities, a multiple of 4."""
-        layout = lay_out(self.curves, self.u[0], self.u[-1], self.v)
-        values = Values(self.u, self.v, self.nodes[:n], self.on_curves[:n], self.parity[:n])
-        return pack(layout, values, make_patches(layout, values), False, False)
-
-    def with_rows(self, u: Floats) -> Samples:
-        """More rows."""
-        order = np.argsort(every := np.concatenate([self.u, u]))
-        nodes = np.concatenate([self.nodes, self.solve(u, self.v)], axis=1)[:, order]
-        return replace(self, u=every[order], nodes=nodes)
-
-    def with_lines(self, v: Floats) -> Samples:
-        """More lines."""
-        order = np.argsort(every := np.concatenate([self.v, v]))
-        nodes = np.concatenate([self.nodes, self.solve(self.u, v)], axis=2)[..., order]
-        more = on_curves(self.solve, self.curves, v, self.u[0], self.u[-1], len(self.nodes))
-        on_them = np.concatenate([self.on_curves, more], axis=2)[..., order]
-        return replace(self, v=every[order], nodes=nodes, on_curves=on_them)
-
-    def with_curves(self, curves: Curves) -> Samples:
-        """More lines of nodes beside cut-offs."""
-        more = on_curves(self.solve, curves, self.v, self.u[0], self.u[-1], len(self.nodes))
-        together = Curves(*(np.concatenate(pair) for pair in zip(
-            vars(self.curves).values(), vars(curves).values(), strict=True,
-        )))
-        return replace(self, curves=together, on_curves=np.concatenate([self.on_curves, more], axis=1))
-
-
-def solve_each(solve: Solve, u: Floats, v: Floats, k: int) -> Floats:
-    """Quantities (k, n) at single directions u, v (n)."""
-    found = [solve(u[i : i + 1], v[i : i + 1])[:, 0, 0] for i in range(u.size)]
-    return np.array(found).reshape(-1, k).T
-
-
-def on_curves(solve: Solve, curves: Curves, v: Floats, u_min: float, u_max: float, k: int) -> Floats:
-    """Quantities (k, n_curves, n_v) on curves at v (n_v); NaN outside the window."""
-    out = np.full((k, len(curves), v.size), np.nan)
-    where = np.nonzero(curves.inside(v, u_min, u_max))
-    out[:, where[0], where[1]] = solve_each(solve, np.clip(curves.u(v), u_min, u_max)[where], v[where[1]], k)
-    return out
 
 
 def first_lines(at: Floats, count: int) -> Floats:
@@ -245,16 +184,6 @@ class Refined:
     reasons: tuple[str, ...] = ()
 
 
-def start(solve: Solve, curves: Curves, u: Floats, v: Floats, parity: Floats, leading: int) -> Samples:
-    """Samples on rows u, lines v and curves, with one more line of nodes on both sides of each curve."""
-    both = [curves.beside(np.full(len(curves), side * _FIRST_BESIDE**2)) for side in (-1.0, 1.0)]
-    nodes = solve(u, v)
-    samples = Samples(solve, parity, leading, u, v, curves.take([]), nodes, np.empty((len(nodes), 0, v.size)))
-    for more in (curves, *both):
-        samples = samples.with_curves(more)
-    return samples
-
-
 def _refine_rows(samples: Samples, tolerance: float, name: str) -> tuple[Samples, list[str]]:
     """Refine rows and the surroundings of cut-offs on the lines there are."""
     rows = _Found()
@@ -303,7 +232,8 @@ def refine(samples: Samples, tolerance: float, measures: Measures, name: str = "
         tests = _some(samples.v, _TEST_LINES)
         samples, reasons = _refine_rows(samples, share * tolerance, name)
         samples, more = _refine_lines(samples, share * tolerance, name)
-        errors = _verified(samples, _errors_around(samples, _some(samples.u, _TEST_ROWS), tests, measures), measures)
+        errors = _errors_around(samples, _some(samples.u, _TEST_ROWS), tests, measures)
+        errors = _verified(samples, errors, measures, _LEAST * tolerance)
         before, at_99 = at_99, _at_99(samples, errors[0])
         if at_99 <= _BUDGET * tolerance or at_99 > _WORTH * before:
             break
@@ -316,11 +246,11 @@ def _at_99(samples: Samples, error: Floats) -> float:
     return float(np.quantile(stated(error[None], samples.u, samples.v, np.repeat(u, v.shape[1]), v.ravel()), 0.99))
 
 
-def _verified(samples: Samples, errors: Floats, measures: Measures) -> Floats:
-    """Errors (m, n_u, n_v) raised where random directions show them to be too small."""
+def _verified(samples: Samples, errors: Floats, measures: Measures, least: float) -> Floats:
+    """Errors (m, n_u, n_v) raised where random directions show them to be too small, to `least` at least."""
     (u, v), k = spread_evenly(samples.u, samples.v), samples.parity.size
-    truth = errors_at(samples.solve, samples.arrays(k), k, together(measures), u, v)
-    return cover(errors, samples.u, samples.v, np.repeat(u, v.shape[1]), v.ravel(), truth.reshape(len(errors), -1))
+    truth = errors_at(samples.solve, samples.arrays(k), k, together(measures), u, v).reshape(len(errors), -1)
+    return cover(errors, samples.u, samples.v, np.repeat(u, v.shape[1]), v.ravel(), truth, least)
 
 
 def together(measures: Measures) -> Measure:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optics.rational import Complexes, Rational, fit
 from optics.strips import NEAR, Curves, Floats, to_tau
@@ -26,14 +27,44 @@ from optics.strips import NEAR, Curves, Floats, to_tau
 Along = Callable[[Floats, float], Floats]
 
 # Resonances of half this width in u and in τ are taken out whole, wider ones in part, those of the full width not at
-# all; so are those that lie beyond an edge of the window by this much.
-_WIDE_U, _WIDE_TAU, _BEYOND = 4e-3, 0.04, 0.05
+# all.
+_WIDE_U, _WIDE_TAU = 4e-3, 0.04
+_ROWS_BEYOND = 5
 # Residues below this cannot be told from rounding.
 _FAINT = 1e-8
 # The rational function has to agree with new samples by this.
 _RIGHT, _FIT = 1e-7, 1e-10
 _EVEN, _MOST_POLES, _ROUNDS = 12, 60, 8
 _BESIDE = np.array([-30.0, -9.0, -3.1, -1.1, -0.3, 0.4, 1.3, 3.3, 10.0, 33.0])
+
+
+@dataclass(frozen=True)
+class Window:
+    """Where resonances are felt, low ≤ u ≤ high, and looked for, `reach` beyond; `curves`: all cut-offs there.
+
+    Those that lie beyond an edge fade out on the way to the reach.
+    """
+
+    low: float
+    high: float
+    reach: float
+    curves: Curves
+
+    def edges(self, v: float) -> Floats:
+        """Ends of the strips between cut-offs on a line."""
+        ends = self.low - self.reach, self.high + self.reach
+        cut = self.curves.u(np.array([v]))[:, 0]
+        found = np.unique([*ends, *cut[(cut > ends[0]) & (cut < ends[1])]])
+        return np.asarray(found[np.append(True, np.diff(found) > NEAR)])
+
+    def rows(self) -> Floats:
+        """Rows beyond the edges."""
+        far = self.reach * np.arange(1, _ROWS_BEYOND + 1) / _ROWS_BEYOND
+        return np.concatenate([self.low - far[::-1], self.high + far])
+
+    def felt(self, u: Floats) -> Floats:
+        """The part of a resonance at u (n) that is taken out."""
+        return _fade(np.maximum(np.maximum(self.low - u, u - self.high), 0.0) / self.reach)
 
 
 @dataclass(frozen=True)
@@ -137,38 +168,37 @@ def _strip(solve: Along, v: float, a: float, b: float, rows: Floats, values: Flo
     return strip
 
 
-def _once(p: Complexes) -> list[int]:
-    """Poles that are not found again in the neighbouring strip."""
+def _once(p: Complexes, strip: NDArray[np.int64]) -> list[int]:
+    """Poles that are not found again in a neighbouring strip."""
     kept: list[int] = []
     for k in np.argsort(p.real):
-        if all(abs(p[k] - p[other]) > max(p[k].imag, p[other].imag) for other in kept):
+        if all(strip[k] == strip[j] or abs(p[k] - p[j]) > max(p[k].imag, p[j].imag) for j in kept):
             kept.append(int(k))
     return kept
 
 
 def find_poles(
-    solve: Along, curves: Curves, window: tuple[float, float], rows: Floats, v: float, lowest: float,
-    values: Floats | None = None, known: Complexes | None = None,
+    solve: Along, window: Window, rows: Floats, v: float, lowest: float, values: Floats | None = None,
+    known: Complexes | None = None,
 ) -> LinePoles:
-    """Narrow poles on the line v for u in the window, those of heights above `lowest`.
+    """Narrow poles on the line v, those of heights above `lowest`.
 
     Samples are taken on `rows` (n), where the `values` (k, n) may be known already, and beside `known` poles.
     """
-    cut = curves.u(np.array([v]))[:, 0]
-    edges = np.unique([*window, *cut[(cut > window[0]) & (cut < window[1])]])
-    edges = edges[np.append(True, np.diff(edges) > NEAR)]
     values = solve(rows, v) if values is None else values
-    found, missed = [], []
-    for a, b in pairwise(edges.tolist()):
+    more = window.rows()
+    rows, values = _join(rows, values, more, solve(more, v))
+    edges, found, missed = window.edges(v).tolist(), [], []
+    for a, b in pairwise(edges):
         strip = _strip(solve, v, a, b, rows, values, np.empty(0, complex) if known is None else known)
         p, h, width = strip.find()
-        left, right = (a if a > window[0] else -np.inf), (b if b < window[1] else np.inf)
+        left, right = (a if a > edges[0] else -np.inf), (b if b < edges[-1] else np.inf)
         own = (p.real > left - 3.0 * p.imag) & (p.real < right + 3.0 * p.imag)
         found.append((p[own], h[:, own] * _fade(width[own] / _WIDE_TAU)))
         if strip.error > _RIGHT:
             missed.append(((a + b) / 2, strip.error))
     p, h = np.concatenate([p for p, _ in found]), np.concatenate([h for _, h in found], axis=1)
-    beyond = np.maximum(np.maximum(window[0] - p.real, p.real - window[1]), 0.0)
-    h = h * _fade(p.imag / _WIDE_U) * _fade(beyond / _BEYOND)
-    kept = [k for k in _once(p) if np.abs(h[:, k]).max() > lowest]
+    h = h * _fade(p.imag / _WIDE_U) * window.felt(p.real)
+    strips = np.repeat(np.arange(len(found)), [p.size for p, _ in found])
+    kept = [k for k in _once(p, strips) if np.abs(h[:, k]).max() > lowest]
     return LinePoles(v, p[kept], h[:, kept], tuple(missed))

@@ -89,7 +89,7 @@ def efficiencies(
     every = np.arange(2 * order + 1)
     outside = [_Side(e, solver.medium(e, 0.0), every) for e in (complex(stack.front_index) ** 2, stack.back)]
     sides = [outside[0], *(_Side(e, waves, running(waves)) for e, waves in inside), outside[1]]
-    e_in, h_in = lamellar.incident(u, v, order, stack.front_index)
+    e_in, h_in = lamellar.incident_light(u, v, order, stack.front_index)
     parts = []
     for i, (part, (near, far)) in enumerate(zip(between, pairwise(sides), strict=True)):
         incoming = e_in if i == 0 else unit_waves(near.waves, near.orders)

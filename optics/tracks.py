@@ -20,7 +20,7 @@ from optics.files import progress
 from optics.patches import Values, v_slopes
 from optics.pole_sum import pack_poles, sum_poles
 from optics.rational import Complexes
-from optics.resonances import LinePoles
+from optics.resonances import LinePoles, Window
 from optics.strips import Curves, Floats
 
 # From v to the poles there, near those that are expected.
@@ -172,11 +172,11 @@ def join(lines: list[LinePoles], parity: Floats) -> Resonances:
     return Resonances(v, p, h, parity)
 
 
-def difference(one: LinePoles, other: LinePoles, window: tuple[float, float], leading: int) -> float:
+def difference(one: LinePoles, other: LinePoles, window: Window, leading: int) -> float:
     """Largest difference of two sums on a line, around all their poles."""
     p = np.concatenate([one.p, other.p])
     u = (p.real[:, None] + p.imag[:, None] * _COMPARED).ravel()
-    u = u[(u >= window[0]) & (u <= window[1])]
+    u = u[(u >= window.low) & (u <= window.high)]
     return float(np.abs((one(u) - other(u))[:leading]).max(initial=0.0))
 
 
@@ -190,7 +190,7 @@ class Followed:
 
 
 def follow(
-    find: Find, lines: list[LinePoles], window: tuple[float, float], parity: Floats, leading: int, tolerance: float,
+    find: Find, lines: list[LinePoles], window: Window, parity: Floats, leading: int, tolerance: float,
     name: str = "table",
 ) -> Followed:
     """Poles over v from those on `lines`; more lines until the sum is right to `tolerance` halfway between them."""

@@ -17,7 +17,7 @@ climbed with extrapolated values.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -210,6 +210,17 @@ def rungs(cell: Grating, u_max: float) -> tuple[int, ...]:
     first = next(i for i, n in enumerate(LADDER) if n >= least)
     last = max(next(i for i, n in enumerate(LADDER) if n >= _HIGHEST), first + 4)
     return LADDER[first:last]
+
+
+def finer_rungs(order: int) -> list[int]:
+    """Orders from a rung on, each about half as many more than the one before, as far as resonances may need them."""
+    return [order, *[n for n in LADDER if order < n <= _HIGHEST][1::2]]
+
+
+def with_order(chosen: Chosen, order: int) -> Chosen:
+    """The same with a higher rung; its error shows in the rungs below it as that of the other did in those."""
+    below = tuple([n for n in LADDER if n < order][: -len(chosen.gauge.coarser) - 1 : -1])
+    return replace(chosen, order=order, gauge=replace(chosen.gauge, coarser=below))
 
 
 def choose(cell: Grating, u_max: float, v_max: float, tolerance: float) -> Chosen:

@@ -24,9 +24,8 @@ Indices = NDArray[np.int64]
 # Directions: places in u and at each of them in v; of a pole: lines of v and places on each, in half widths.
 _IN_U, _IN_V, _POLE_LINES = 96, 4, 16
 _POLE_PLACES = np.array([-25.0, -6.0, -1.7, -0.6, 0.0, 0.5, 1.4, 5.0, 30.0])
-# No error is stated as less than this share of that at 99 % of the directions; they are raised until this share of
-# directions is covered.
-_LEAST, _COVERED = 0.05, 0.985
+# Stated errors are scaled up until this share of directions is covered.
+_COVERED = 0.985
 # Where all are covered, stated errors are this times the largest ratio of true to stated ones, at least this share.
 _MARGIN, _LOWEST = 1.4, 0.3
 _WIDTHS = 5.0  # half widths on both sides of a pole to which its error belongs
@@ -60,16 +59,18 @@ def stated(errors: Floats, u: Floats, v: Floats, at_u: Floats, at_v: Floats) -> 
     return np.max([errors[:, i + a, j + b] for a in (0, 1) for b in (0, 1)], axis=0)
 
 
-def cover(errors: Floats, u: Floats, v: Floats, at_u: Floats, at_v: Floats, truth: Floats) -> Floats:
+def cover(
+    errors: Floats, u: Floats, v: Floats, at_u: Floats, at_v: Floats, truth: Floats, least: float
+) -> Floats:
     """Errors (m, n_u, n_v) scaled until they cover the true ones (m, n) found at random directions (n), then raised.
 
-    Where they are larger than all true ones by far they are scaled down.
+    Where they are larger than all true ones by far they are scaled down; none is less than `least`.
     """
-    errors = np.maximum(errors, _LEAST * np.quantile(truth, 0.99, axis=1)[:, None, None] + 1e-15)
+    errors = np.maximum(errors, least)
     ratio = truth / stated(errors, u, v, at_u, at_v)
     factor = np.maximum(np.quantile(ratio, _COVERED, axis=1), 1.0)
     factor = np.where(ratio.max(axis=1) < 1.0, np.clip(_MARGIN * ratio.max(axis=1), _LOWEST, 1.0), factor)
-    errors = errors * factor[:, None, None]
+    errors = np.maximum(errors * factor[:, None, None], least)
     left = truth - stated(errors, u, v, at_u, at_v)
     reach = (u[-1] - u[0]) / _IN_U / 2, v[-1] / _IN_V / 8
     for p in np.flatnonzero((left > 0).any(axis=0)):
@@ -92,8 +93,7 @@ def beside_poles(
     """For each pole its number, lines v (n) between its nodes and the largest errors (m, n) beside it there."""
     rng, out = np.random.default_rng(0), []
     for pole in range(resonances.count):
-        ends = resonances.v[np.flatnonzero(resonances.felt[pole])[[0, -1]]]
-        v = ends[0] + (ends[1] - ends[0]) * (np.arange(_POLE_LINES) + rng.random(_POLE_LINES)) / _POLE_LINES
+        v = _pole_lines(resonances.v[resonances.felt[pole]], rng)
         p = resonances.place(pole, v)
         worst = []
         for x, y in zip(p, v, strict=True):
@@ -101,6 +101,15 @@ def beside_poles(
             worst.append(errors_at(solve, arrays, k, measures, u, np.full((u.size, 1), y)).max(axis=(1, 2)))
         out.append((pole, v, np.array(worst).T))
     return out
+
+
+def _pole_lines(nodes: Floats, rng: np.random.Generator) -> Floats:
+    """Random v spread evenly over the nodes of a pole, and as many over their numbers where some places have many."""
+    shares = (np.arange(_POLE_LINES) + rng.random(_POLE_LINES)) / _POLE_LINES
+    v = nodes[0] + (nodes[-1] - nodes[0]) * shares
+    if nodes.size > 2 * _POLE_LINES:
+        v = np.append(v, np.interp(shares * (nodes.size - 1), np.arange(nodes.size), nodes))
+    return np.sort(v)
 
 
 def raise_beside(

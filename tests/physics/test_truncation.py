@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from optics import local
+from optics.absorption import imbalance
 from optics.cells import LamellarStack, Metagrating, Profile
 from optics.files import InputError
 from optics.lamellar import efficiencies, prepare, solve
@@ -185,3 +186,15 @@ def test_a_period_of_twenty_wavelengths_has_the_orders_known():
     there = at(wide(), 0.278494, 0.0, order)
     assert there.reflected.sum() == pytest.approx(0.05893, abs=5e-5)
     assert there.transmitted[0, 0, order - 1 : order + 2] == pytest.approx([0.38738, 0.00108, 0.38465], abs=5e-5)
+
+
+@pytest.mark.parametrize("metal", METALS)
+def test_what_the_orders_miss_is_lost_by_the_fields(metal):
+    """R + T + ∫ Im ε |E|² = 1 in both polarisations, at any truncation, on metals and on weakly absorbing glass."""
+    wavelength, n, k = METALS[metal]
+    u, v = np.array([-0.3, 0.05]), np.array([0.2, 0.0])
+    cell = ridges_of(n, k, wavelength, below=({"thickness_nm": 60.0, "index": {"n": 2.0, "k": 1e-2}},), back=1.5)
+    assert solve(cell, u, v, 20).absorptance.min() > 1e-3
+    assert imbalance(cell, u, v, 20) < 1e-8
+    glass = ridges_of(2.0, 2e-6, wavelength)
+    assert imbalance(glass, u, v, 15) < 1e-3 * solve(glass, u, v, 15).absorptance.min()
