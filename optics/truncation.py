@@ -31,7 +31,7 @@ from optics.limit import refuse_without_limit
 from optics.outline import Grating, is_upright, upright
 from optics.scattering import NEGLIGIBLE
 
-LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 90, 110, 135, 165, 200, 245, 300)
+LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 90, 110, 135, 165, 200, 245, 300, 365, 440)
 # Beyond this a ladder only goes where orders that run need it.
 _HIGHEST = 100
 _BELOW = (5, 6)  # coarser than the ladder, to compare with
