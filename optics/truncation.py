@@ -40,7 +40,8 @@ SLICES = (8, 16, 32, 64, 128, 256)
 _FEW_SLICES = 12
 # Shares of the tolerance for the error of orders and of slices; the share of directions that has to keep it.
 _SHARE, _QUANTILE = 0.25, 0.99
-_RATES = (0.3, 6.0)
+# Steep falls before the slow rate of edges sets in are not carried on.
+_RATES = (0.3, 3.0)
 _FITTED = 4  # changes
 # The calibrated factor covers this share of the directions that it is calibrated on, with room for others.
 _COVERED, _SAFETY = 0.97, 1.5
