@@ -9,7 +9,7 @@ import numpy as np
 
 from optics.fdtd_efficiencies import Efficiencies, efficiencies
 from optics.fdtd_grid import FdtdSettings, periods, rungs
-from optics.fdtd_material import nearly_transparent, weakly_absorbing
+from optics.fdtd_material import second_order, weakly_absorbing
 from optics.fdtd_orders import grazing, least_in_window
 from optics.fdtd_run import Decay
 from optics.files import InputError, Stopwatch
@@ -27,7 +27,7 @@ _STEEP = 0.5
 _FOURTH_ORDER = 3.0
 # What a second-order extrapolation misses of a first-order error, per change from the pair before (ratios of √2).
 _FIRST_ORDER = 2.5
-_UNSTEADY = 1.5
+_UNSTEADY = 2.0
 # Extrapolation triples what is missing of either resolution (2 b − a for a ratio of √2).
 _RESIDUAL_SHARE = 3.0
 
@@ -109,7 +109,7 @@ def solve_direction(
     check_cell(cell, u, v)
     check_grazing(cell, u, v)
     thicker = float(np.clip(_STEEP / grazing(cell, u, v), 1.0, 2.0))
-    watch, smooth = Stopwatch(), nearly_transparent(cell)
+    watch, smooth = Stopwatch(), second_order(cell)
     done: list[tuple[int, Floats]] = []
     decay = Decay(0.0, False)
     for rung, n_x in enumerate(rungs(cell, settings)):
