@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from optics import modal, thin_film
-from optics.cells import Index, Layer, Metagrating, ThinFilm, read_cell
+from optics.cells import Index, LamellarStack, Layer, Metagrating, ThinFilm, read_cell
 from optics.fdtd import solve_part
 from optics.fdtd_direction import solve_direction
 from optics.fdtd_grid import FdtdSettings
@@ -130,7 +130,10 @@ def silver(axis):
         "kind": "lamellar", "name": "silver", "wavelength_nm": 500.0, "electric_axis": axis, "period_nm": 180.0,
         "layers": [
             {"thickness_nm": 20.0, "index": film_index},
-            {"thickness_nm": 80.0, "index": film_index, "ridges": [{"start_nm": 60.0, "width_nm": 60.0, "index": metal}]},
+            {
+                "thickness_nm": 80.0, "index": film_index,
+                "ridges": [{"start_nm": 60.0, "width_nm": 60.0, "index": metal}],
+            },
         ],
         "surroundings": {"front": 1.0, "back": metal["n"], "back_k": metal["k"]},
     })
