@@ -95,7 +95,10 @@ def test_absorptance_at_normal_incidence_is_the_modal_solver_s(request, apart, w
     ],
 )
 def test_half_spaces_other_than_vacuum_agree_with_the_modal_solver(te, apart, around, axis, v):
-    cell = changed(te, period_nm=600.0, ridges_nm=[[50.0, 250.0]], surroundings=around, electric_axis=axis)
+    cell = changed(
+        te, period_nm=600.0, ridges_nm=[[50.0, 250.0]], ridge_height_nm=100.0, membrane_nm=60.0, surroundings=around,
+        electric_axis=axis,
+    )
     result = apart(solve_direction, cell, 0.05, v, FdtdSettings(pixels_per_wavelength=[7.45, 10.65, 14.9]))
     exact = modal.solve(cell, np.array([0.05]), np.array([v]), 40).q[0, 0]
     assert np.abs(result.q - exact).max() <= result.error
