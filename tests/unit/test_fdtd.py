@@ -147,7 +147,7 @@ def test_loss_is_that_of_the_points_that_hold_the_fields():
 
 
 def test_time_to_go_is_right_within_a_factor_of_two(te):
-    """From a quarter of the directions to nine tenths; near a resonance they take 8 times as long, out of plane twice."""
+    """From a quarter of the directions to nine tenths; near a resonance they take 8 times as long, off plane twice."""
     u, v = np.linspace(-0.18, 0.18, 21), even_nodes(0.18, 4)
     directions = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
     seconds = [(8.0 if abs(x - 0.1) < 0.03 else 1.0) * (2.0 if y else 1.0) for x, y in directions]
