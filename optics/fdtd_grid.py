@@ -75,6 +75,12 @@ def pixels(cell: Grating, resolution: float) -> int:
     return max(_FEWEST, round(resolution * periods(cell)))
 
 
+def narrowest(cell: Grating) -> float:
+    """Smallest width or height of a piece of the cell, in periods."""
+    sides = [side for vertices, _ in polygons(cell) for side in np.ptp(vertices, axis=0).tolist() if side > 0]
+    return float(min(sides, default=np.inf) / cell.period_nm)
+
+
 def rungs(cell: Grating, settings: FdtdSettings) -> tuple[int, ...]:
     """Pixels a period of each resolution: strictly ascending, so that any two of them tell an error.
 

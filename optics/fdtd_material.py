@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optics.cells import LamellarStack
+from optics.cells import LamellarStack, Metagrating
 from optics.fdtd_grid import Layout, half_spaces
 from optics.incidence import Complexes, Floats
 from optics.outline import Grating, depth_nm, polygons, staircase
@@ -153,6 +153,13 @@ def nearly_transparent(cell: Grating) -> bool:
     """Whether no part of the cell is a metal or absorbs within a few wavelengths."""
     every = (half_spaces(cell)[1], *(epsilon for _, epsilon in polygons(cell)))
     return all(epsilon.real >= 1 and epsilon.imag <= _STRONG_ABSORPTION * epsilon.real for epsilon in every)
+
+
+def second_order(cell: Grating) -> bool:
+    """Whether errors fall with the square of the pixel: no metal, and no absorber with slanted faces (see `Media`)."""
+    return nearly_transparent(cell) and (weakly_absorbing(cell) or isinstance(cell, LamellarStack) or (
+        isinstance(cell, Metagrating) and cell.corner_radius_nm == 0
+    ))
 
 
 def lossless(cell: Grating) -> bool:

@@ -23,6 +23,7 @@ from optics.lamellar import solve
 from optics.outline import Grating, upright
 
 _BYTES = 1500  # a pixel of Meep's needs, with poles and complex fields of all components, and what Python holds of it
+_SET_UP = 1e5
 _FEWEST_RUNS = 3  # resolutions that every direction is solved at
 _OUT_OF_PLANE = 2.0
 _GOLDEN = (5**0.5 - 1) / 2
@@ -30,10 +31,14 @@ _ORDER = 12
 
 
 def work(cell: Grating, settings: FdtdSettings) -> Floats:
-    """Pixels × steps per period of the light (n_rungs,) of one direction in the plane of incidence."""
+    """Pixels × steps per period of the light (n_rungs,), whole numbers, of one direction in the plane of incidence.
+
+    To set up a run takes as long as some of them.
+    """
     grids = [layout(cell, n, settings) for n in rungs(cell, settings)]
     wavelength = cell.wavelength_nm / 1000
-    return np.array([g.n_x * g.n_y * wavelength / (settings.courant * g.pixel) for g in grids])
+    steps = [g.n_x * g.n_y * wavelength / (settings.courant * g.pixel) for g in grids]
+    return np.round(np.array(steps) + _SET_UP)
 
 
 def check_memory(cell: Grating, settings: FdtdSettings) -> None:

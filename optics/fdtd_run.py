@@ -19,8 +19,11 @@ Meep is imported inside functions only: importing it switches denormal numbers o
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import io
+import os
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -56,7 +59,15 @@ def import_meep() -> Any:
     if not hasattr(meep, "Simulation"):
         raise InputError(HOW_TO_GET_MEEP)
     meep.verbosity(0)
+    atexit.unregister(_silence)
+    atexit.register(_silence)
     return meep
+
+
+def _silence() -> None:
+    """Meep tells its run time on standard output when the process ends: after the line that a stage ends with."""
+    sys.stdout.flush()
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from optics.fdtd_progress import check_memory
 from optics.fdtd_run import Decay, import_meep, pulse_width, reflection, remaining
 from optics.files import InputError, validate
 from optics.incidence import electric_vector, wave_vector
+from optics.promise import read_promise
 from optics.sampling import even_nodes, fill
 
 SETTINGS = FdtdSettings()
@@ -86,7 +87,7 @@ def test_a_run_without_a_number_ends_the_table_with_its_direction(te, monkeypatc
         return Efficiencies(orders, np.array([value]), np.zeros(1), 0.0, 0.0, np.zeros(2), Decay(0.0, False))
 
     monkeypatch.setattr("optics.fdtd_direction.efficiencies", run)
-    with pytest.raises(InputError, match=r"mark1e_te at u = 0.1, v = 0: FDTD with 22 pixels a period gave .*not numbers"):
+    with pytest.raises(InputError, match=r"mark1e_te at u = 0\.1, v = 0: FDTD with 22 pixels .*not numbers"):
         solve_direction(te, 0.1, 0.0, SETTINGS)
 
 
@@ -121,7 +122,7 @@ def test_what_does_not_settle_is_not_extrapolated_and_its_error_covers_its_steps
     for last in range(3, len(done) + 1):
         best, error = cautious_estimate(done[:last])
         assert abs(best[0] - (1 - 0.209)) <= error
-        assert error < 1.5 * 0.62
+        assert error < 2 * 0.62
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
@@ -143,6 +144,63 @@ def test_loss_is_that_of_the_points_that_hold_the_fields():
     expected = 2 * (e_x[1:, 2] ** 2).sum() + 2 * (e_z[:3, 2] ** 2).sum() + 3 * (e_y[:3, 3] ** 2).sum()
     assert dissipated(seen, [e_x, e_y, e_z], oblique=True) == pytest.approx(expected.real, rel=1e-12)
     assert dissipated(seen, [None, None, e_z], oblique=True) == pytest.approx(2 * (e_z[:3, 2] ** 2).sum().real)
+
+
+def test_time_to_go_is_right_within_a_factor_of_two(te):
+    """From a quarter of the directions to nine tenths; near a resonance they take 8 times as long, off plane twice."""
+    u, v = np.linspace(-0.18, 0.18, 21), even_nodes(0.18, 4)
+    directions = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+    seconds = [(8.0 if abs(x - 0.1) < 0.03 else 1.0) * (2.0 if y else 1.0) for x, y in directions]
+    order, spent = spread(len(directions)), 0.0
+    assert sorted(order) == list(range(len(directions)))
+    with Progress(te, SETTINGS, directions, "test") as progress:
+        for k, i in enumerate(order):
+            if len(order) / 4 <= k < 0.9 * len(order):
+                done, total = progress._bar.n, progress._bar.total
+                assert 0.5 < spent / done * (total - done) / (sum(seconds) - spent) < 2
+            progress.begin(*directions[i].tolist())
+            for rung in range(6):
+                progress.run(rung)
+            progress.end()
+            spent += seconds[i]
+        assert progress._bar.n == pytest.approx(progress._bar.total)
+
+
+def test_progress_is_told_at_once_and_after_the_first_run(te, capfd):
+    with Progress(te, SETTINGS, np.array([[0.0, 0.0], [0.1, 0.0]]), "FDTD te") as progress:
+        assert "FDTD te:   0%" in capfd.readouterr().err
+        progress.begin(0.0, 0.0)
+        progress.run(0)
+        assert "0/2 directions" in capfd.readouterr().err
+        progress.begin(0.05, 0.0)  # not expected
+        progress.end()
+    assert "1/1 directions" in capfd.readouterr().err
+
+
+def test_the_modal_method_tells_how_many_directions_fdtd_will_ask_for(te):
+    expected = expected_directions(te, 0.05, 0.05, 3e-2)
+    assert len(np.unique(expected, axis=0)) == len(expected)
+    assert 27 <= len(expected) < 400
+
+
+def test_a_table_says_why_it_missed_its_tolerance(te, tmp_path):
+    u, v = np.linspace(-0.18, 0.18, 21), even_nodes(0.18, 4)
+    path = tmp_path / "part.h5"
+    for tolerance, met in ((1e-2, True), (1.5e-3, False)):
+        settings = FdtdSettings(tolerance=tolerance)
+        write_rows(path, te, settings, rows(block(u, v, 1, 1)))
+        found = read_promise(merge(te, settings, u, v, 1e-4, [path]))
+        assert found.met is met
+        assert found.error_99 >= 2e-3 + 1e-4
+    assert found.why.startswith("slow convergence: 84 of 84 directions stand at 0.002 with 40 pixels per wavelength")
+
+
+def test_what_the_nodes_were_chosen_with_is_part_of_the_stated_error(te, tmp_path):
+    u, v = np.linspace(-0.18, 0.18, 21), even_nodes(0.18, 4)
+    write_rows(tmp_path / "part.h5", te, SETTINGS, rows(block(u, v, 1, 1)))
+    small, large = (merge(te, SETTINGS, u, v, known, [tmp_path / "part.h5"]).error for known in (0.0, 5e-3))
+    assert np.all(large >= 7e-3)
+    assert np.all(small < 3e-3)
 
 
 def test_richardson_is_exact_for_an_error_of_second_order():
@@ -309,7 +367,7 @@ def test_bad_settings_are_refused_in_one_line(given, message):
 
 def test_what_fdtd_cannot_do_is_refused(te):
     thinner = Metagrating.model_validate(te.model_dump() | {"surroundings": {"front": 0.9}})
-    with pytest.raises(InputError, match="front = 0.9: must be at least 1"):
+    with pytest.raises(InputError, match=r"front = 0\.9: must be at least 1"):
         check_cell(thinner, 0.0, 0.0)
     with pytest.raises(InputError, match="evanescent"):
         check_cell(te, 0.8, 0.7)
