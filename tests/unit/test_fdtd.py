@@ -25,7 +25,7 @@ from optics.fdtd_medium import dissipated
 from optics.fdtd_orders import Orders, grazing
 from optics.fdtd_parts import Rows, block, merge, read_rows, write_rows
 from optics.fdtd_poles import passive, permittivity, responses
-from optics.fdtd_progress import check_memory
+from optics.fdtd_progress import Progress, check_memory, expected_directions, spread
 from optics.fdtd_run import Decay, import_meep, pulse_width, reflection, remaining
 from optics.files import InputError, validate
 from optics.incidence import electric_vector, wave_vector
