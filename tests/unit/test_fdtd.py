@@ -119,6 +119,13 @@ def test_poles_give_the_wanted_permittivity_exactly_and_stay_as_dense_as_vacuum_
     np.testing.assert_allclose(medium.free[dense & (wanted.imag < 1)], 0)
 
 
+def test_a_table_states_the_error_of_its_permittivities(te, tmp_path):
+    gold = Metagrating.model_validate(te.model_dump() | {"index": {"n": 0.26, "k": 6.97}})
+    u, v = np.linspace(-0.18, 0.18, 21), even_nodes(0.18, 4)
+    write_rows(tmp_path / "part.h5", gold, SETTINGS, rows(block(u, v, 1, 1)))
+    assert merge(gold, SETTINGS, u, v, 0.0, [tmp_path / "part.h5"]).attrs["permittivity_error"] < 1e-12
+
+
 def test_poles_obey_the_recurrence_that_they_are_made_for():
     """P₊ = (2 P − (1 − γΔt/2) P₋ + σ(ωΔt)² E)/(1 + γΔt/2) driven by exp(−iωt) settles to χ E."""
     step = 0.15
