@@ -118,7 +118,7 @@ def solve_direction(
     decay = Decay(0.0, False)
     for rung, n_x in enumerate(rungs(cell, settings)):
         result = efficiencies(cell, u, v, n_x, settings, thicker)
-        if _rings(result.decay, settings) and settings.pulse_width > _NARROW:
+        if _rings(result.decay, settings) and settings.pulse_width > _NARROW >= 16 / settings.longest:
             settings = settings.model_copy(update={"pulse_width": _NARROW})
             result = efficiencies(cell, u, v, n_x, settings, thicker)
         decay = decay.worse(result.decay)

@@ -93,6 +93,12 @@ def rungs(cell: Grating, settings: FdtdSettings) -> tuple[int, ...]:
     return tuple(found[1:])
 
 
+def step_of_time(cell: Grating, settings: FdtdSettings) -> float:
+    """ωΔt of the first, coarsest resolution."""
+    pixel_nm = cell.period_nm / rungs(cell, settings)[0]
+    return float(2 * np.pi * settings.courant * pixel_nm / cell.wavelength_nm)
+
+
 def layout(cell: Grating, n_x: int, settings: FdtdSettings, thicker: float = 1.0) -> Layout:
     """The grid of square pixels with `n_x` of them a period.
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from optics.fdtd_grid import Layout
+from optics.fdtd_grid import Layout, half_spaces
 from optics.fdtd_material import Averages, Material, tensor
-from optics.fdtd_poles import passive
+from optics.fdtd_poles import passive, permittivity
 from optics.incidence import Complexes, Floats
-from optics.outline import Grating, depth_nm
+from optics.outline import Grating, depth_nm, polygons
 
 
 def rows_of_material(cell: Grating, grid: Layout) -> tuple[int, int]:
@@ -74,6 +74,12 @@ class Media:
         different, which = np.unique(points, axis=0, return_inverse=True)
         media = [self.one(mean, harmonic, n_x.real, n_y.real) for mean, harmonic, n_x, n_y in different]
         return media, which.reshape(seen.mean.shape).tolist()
+
+
+def fit_error(cell: Grating, step: float) -> float:
+    """Largest relative error of the permittivity that the poles give each material at the light's frequency."""
+    every = np.array([*half_spaces(cell), *(epsilon for _, epsilon in polygons(cell))])
+    return float((np.abs(permittivity(passive(every, step), step) - every) / np.abs(every)).max())
 
 
 def geometry(media: Media, found: Material, seen: Averages, grid: Layout, rows: tuple[int, int]) -> list[Any]:

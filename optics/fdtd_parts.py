@@ -11,7 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator, BarycentricInterpolator
 
-from optics.fdtd_grid import FdtdSettings
+from optics.fdtd_grid import FdtdSettings, step_of_time
+from optics.fdtd_medium import fit_error
 from optics.files import InputError, Strict, versions
 from optics.hdf5 import new_hdf5, read_hdf5
 from optics.incidence import Floats, cutoffs
@@ -158,9 +159,12 @@ def merge(
     q_g, q_n, absorptance = np.moveaxis(fill(u_nodes, v_nodes, node_values, u, v), -1, 0)
     known = _error_along_v(v_nodes, node_values[..., :2]) if between is None else between
     interpolated = np.maximum(_along_v(v_nodes, _interpolation_error(u_nodes, node_values[..., :2], u), v), known)
-    error = _nearby(u_nodes, v_nodes, rows.column("error").reshape(shape), u, v) + interpolated
+    fit = fit_error(cell, step_of_time(cell, settings))
+    error = _nearby(u_nodes, v_nodes, rows.column("error").reshape(shape), u, v) + interpolated + fit
     q = np.stack([q_g, v * absorptance, q_n])
-    attrs = _attrs(cell, settings, rows, u_nodes, v_nodes) | {"interpolation_error": float(interpolated.max())}
+    attrs = _attrs(cell, settings, rows, u_nodes, v_nodes) | {
+        "interpolation_error": float(interpolated.max()), "permittivity_error": fit,
+    }
     table = PressureTable(u, v, q, absorptance, error, mirror_v=True, attrs=attrs)
     return promised(table, settings.tolerance, _causes(settings, rows, interpolated))
 

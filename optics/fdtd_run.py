@@ -220,8 +220,17 @@ class Run:
     def _advance(self, time: float) -> None:
         """Step on by a time, in Meep's units; `Simulation.run` would spend a quarter as long again between steps."""
         fields = self.simulation.fields
-        for _ in range(int(np.ceil(time / fields.dt))):
-            fields.step()
+        try:
+            for _ in range(int(np.ceil(time / fields.dt))):
+                fields.step()
+        except RuntimeError as error:  # "simulation fields are NaN or Inf"
+            raise InputError(self._unstable(str(error).removeprefix("meep: "))) from None
+
+    def _unstable(self, what: str) -> str:
+        return (
+            f"{self.cell.name} at u = {self.u:g}, v = {self.v:g}: FDTD with {self.grid.n_x} pixels a period: {what}; "
+            "lower 'courant', or use optics.modal"
+        )
 
     def until_decayed(self) -> tuple[Complexes, Decay]:
         """Run until the amplitudes stand still or the longest time is over; they, and what they still lack."""
@@ -235,7 +244,7 @@ class Run:
             changes.append(float(np.abs(now - before).max() / np.abs(now).max()))
             before = now
             if not np.isfinite(changes[-1]):
-                raise InputError(f"FDTD at u = {self.u:g}, v = {self.v:g}: fields are not finite; lower 'courant'")
+                raise InputError(self._unstable("fields are not finite"))
             capped = self.simulation.meep_time() * f >= self.settings.longest
         return before, Decay(residual, capped)
 

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ from optics.fdtd_orders import Orders, grazing
 from optics.fdtd_parts import Rows, block, merge, read_rows, write_rows
 from optics.fdtd_poles import passive, permittivity, responses
 from optics.fdtd_progress import Progress, check_memory, expected_directions, spread
-from optics.fdtd_run import Decay, import_meep, pulse_width, reflection, remaining
+from optics.fdtd_run import Decay, Run, import_meep, pulse_width, reflection, remaining
 from optics.files import InputError, validate
 from optics.incidence import electric_vector, wave_vector
 from optics.promise import read_promise
@@ -91,6 +92,20 @@ def test_a_run_without_a_number_ends_the_table_with_its_direction(te, monkeypatc
         solve_direction(te, 0.1, 0.0, SETTINGS)
 
 
+def test_fields_that_blow_up_end_the_run_in_one_line_with_the_direction(te):
+    class Fields:
+        dt = 0.1
+
+        def step(self):
+            raise RuntimeError("meep: simulation fields are NaN or Inf")
+
+    run = Run.__new__(Run)
+    run.cell, run.u, run.v, run.grid = te, 0.1, 0.05, layout(te, 22, SETTINGS)
+    run.simulation = SimpleNamespace(fields=Fields())
+    with pytest.raises(InputError, match=r"mark1e_te at u = 0\.1, v = 0\.05: FDTD with 22 pixels .* NaN or Inf; lower"):
+        run._advance(1.0)
+
+
 @pytest.mark.parametrize("step", [0.02, 0.2, 0.4])
 def test_poles_give_the_wanted_permittivity_exactly_and_stay_as_dense_as_vacuum_to_the_end_of_the_grid(step):
     wanted = np.array(PASSIVE, complex)
@@ -102,6 +117,13 @@ def test_poles_give_the_wanted_permittivity_exactly_and_stay_as_dense_as_vacuum_
     assert np.all(medium.infinity - (medium.free + medium.lossy) * step**2 / 4 >= 1 - 1e-9) or np.any(wanted.real < 1)
     dense = wanted.real >= 1
     np.testing.assert_allclose(medium.free[dense & (wanted.imag < 1)], 0)
+
+
+def test_a_table_states_the_error_of_its_permittivities(te, tmp_path):
+    gold = Metagrating.model_validate(te.model_dump() | {"index": {"n": 0.26, "k": 6.97}})
+    u, v = np.linspace(-0.18, 0.18, 21), even_nodes(0.18, 4)
+    write_rows(tmp_path / "part.h5", gold, SETTINGS, rows(block(u, v, 1, 1)))
+    assert merge(gold, SETTINGS, u, v, 0.0, [tmp_path / "part.h5"]).attrs["permittivity_error"] < 1e-12
 
 
 def test_poles_obey_the_recurrence_that_they_are_made_for():
