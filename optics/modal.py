@@ -9,7 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from optics.absorption import imbalance
-from optics.cells import LamellarStack, Metagrating
+from optics.cells import LamellarStack, Metagrating, as_stack
 from optics.command import check_range, table_arguments
 from optics.files import Stopwatch, run_stage, versions
 from optics.forecast import MOST_MINUTES, announce, forecast
@@ -21,14 +21,14 @@ from optics.lamellar import solve as solve
 from optics.local import normal_response
 from optics.narrow import FINER, are_there, enough_orders, refine_with_resonances
 from optics.normal import ATTRIBUTE
-from optics.outline import Grating, polygons, read_grating
+from optics.outline import Grating, polygons, read_grating, upright
 from optics.promise import finish, promised
 from optics.refinement import Refined, first_lines, refine
 from optics.resonances import Window
 from optics.samples import Solve, start
 from optics.strips import Curves, breaks, rayleigh_curves
 from optics.table import PARITY, STOKES_PARITY, Cutoffs, PressureTable
-from optics.truncation import Chosen, Forces, choose, finer_rungs, with_order
+from optics.truncation import Chosen, Forces, choose, finer_rungs, rungs, with_order
 
 # Modes that reach the far side of their layer with less than this share of the tolerance are left out there.
 _NEGLIGIBLE, _NOISE = 1e-2, 1e-5
@@ -37,6 +37,7 @@ _MARGIN = 3  # orders beyond those that run within the layers, to see whether th
 # The first rows in u and lines in v² are no further apart: narrower resonances may be missed.
 _FIRST_STEP = 0.0112
 _FEWEST_ROWS, _FEWEST_LINES = 17, 6
+_WIDE = 75  # orders from which on even choosing their number takes minutes
 _OWN = 4  # quantities of the cell's own polarisation, which the directions are chosen for
 
 
@@ -105,7 +106,7 @@ def choose_nodes(
         return lambda u, v: _quantities(chosen.solve(u, v, negligible, n))
 
     curves, u, v = first_directions(cell, u_max, v_max)
-    layers = len(cell.layers) if isinstance(cell, LamellarStack) else 2
+    layers = len(as_stack(cell).layers)
     announce(forecast(solver(chosen.order), u, v, len(curves), chosen.order, layers), cell.name, most_minutes)
     parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
     name, measures = f"modal {cell.name}", (_own_error, _error_in_any)
@@ -129,6 +130,15 @@ def _guided(cell: Metagrating | LamellarStack, u_max: float) -> int:
     return int(np.ceil((max(np.sqrt(complex(epsilon)).real for epsilon in every) + u_max) / cell.pitch))
 
 
+def refuse_early(cell: Grating, u_max: float, v_max: float, most_minutes: float) -> None:
+    """InputError where the fewest orders that may do, of a wide cell, would take too long: before any are tried."""
+    few, order = upright(cell, 8), rungs(cell, u_max)[0]
+    if order > _WIDE:
+        curves, u, v = first_directions(few, u_max, v_max)
+        at_least = forecast(lambda x, y: solve(few, x, y, order), u, v, len(curves), order, len(as_stack(few).layers))
+        announce(at_least, cell.name, most_minutes)
+
+
 def make_table(
     cell: Grating, u_max: float, v_max: float, tolerance: float, most_minutes: float = MOST_MINUTES
 ) -> PressureTable:
@@ -137,6 +147,7 @@ def make_table(
     InputError where it is forecast to take longer than `most_minutes`.
     """
     watch = Stopwatch()
+    refuse_early(cell, u_max, v_max, most_minutes)
     chosen, refined = choose_nodes(choose(cell, u_max, v_max, tolerance), u_max, v_max, tolerance, most_minutes)
     found = refined.samples
     q, absorptance, q_stokes, absorptance_stokes = _apart(found.nodes)

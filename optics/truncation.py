@@ -31,7 +31,7 @@ from optics.limit import refuse_without_limit
 from optics.outline import Grating, is_upright, upright
 from optics.scattering import NEGLIGIBLE
 
-LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 90, 110, 135, 165, 200, 245, 300)
+LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 90, 110, 135, 165, 200, 245, 300, 365, 440)
 # Beyond this a ladder only goes where orders that run need it.
 _HIGHEST = 100
 _BELOW = (5, 6)  # coarser than the ladder, to compare with
@@ -40,7 +40,8 @@ SLICES = (8, 16, 32, 64, 128, 256)
 _FEW_SLICES = 12
 # Shares of the tolerance for the error of orders and of slices; the share of directions that has to keep it.
 _SHARE, _QUANTILE = 0.25, 0.99
-_RATES = (0.3, 6.0)
+# Steep falls before the slow rate of edges sets in are not carried on.
+_RATES = (0.3, 3.0)
 _FITTED = 4  # changes
 # The calibrated factor covers this share of the directions that it is calibrated on, with room for others.
 _COVERED, _SAFETY = 0.97, 1.5

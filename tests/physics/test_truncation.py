@@ -11,8 +11,10 @@ from optics import local
 from optics.absorption import imbalance
 from optics.cells import LamellarStack, Metagrating, Profile
 from optics.files import InputError
+from optics.forecast import forecast
 from optics.lamellar import efficiencies, prepare, solve
 from optics.limit import edge_exponent, refuse_without_limit
+from optics.modal import make_table
 from optics.outline import upright
 from optics.truncation import change, choose, fitted_rate, remaining
 
@@ -198,3 +200,25 @@ def test_what_the_orders_miss_is_lost_by_the_fields(metal):
     assert imbalance(cell, u, v, 20) < 1e-8
     glass = ridges_of(2.0, 2e-6, wavelength)
     assert imbalance(glass, u, v, 15) < 1e-3 * solve(glass, u, v, 15).absorptance.min()
+
+
+def test_a_table_that_would_take_hours_is_forecast_and_refused():
+    hundred = wide(period_nm=50000.0, layers=[{
+        "thickness_nm": 500.0, "index": {"n": 1.5},
+        "ridges": [{"start_nm": 25000.0, "width_nm": 25000.0, "index": {"n": 1.0}}],
+    }])
+    with pytest.raises(InputError, match=r"--most-minutes = 0.5: the table of wide would take longer: .* CPU minutes"):
+        make_table(hundred, 0.05, 0.05, 1e-2, 0.5)
+
+
+def test_a_forecast_grows_with_the_directions():
+    cell = ridges_of(1.5, 0.0)
+    u, v = np.linspace(-0.1, 0.1, 9), np.linspace(0.0, 0.1, 8)
+
+    def work(x, y):
+        return solve(cell, x, y, 20)
+
+    few, many = (forecast(work, np.repeat(u, k), v, 2, 20, 1) for k in (1, 100))
+    assert (few.rows, few.lines, few.beside) == (9, 8, 48)
+    assert 10 < many.seconds / few.seconds < 200
+    assert many.bytes > few.bytes
