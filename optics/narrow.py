@@ -99,6 +99,9 @@ def refine_with_resonances(
     reasons = [
         f"a search for resonances near u = {u:.4g}, v = {line.v:.4g} did not converge ({error:.1g})"
         for line in followed.missed for u, error in line.missed
+    ] + [
+        f"a resonance that changes too fast with v near v = {v:.5g} to be followed, known to {error:.1g}"
+        for v, error in followed.left if error > tolerance
     ]
     if not found.count:
         refined = refine(samples, tolerance, measures, name)
