@@ -111,11 +111,7 @@ def choose_nodes(
         return lambda u, v: _quantities(chosen.solve(u, v, negligible, n))
 
     curves, u, v = first_directions(cell, u_max, v_max)
-<<<<<<< HEAD
-    layers = len(cell.layers) if isinstance(cell, LamellarStack) else 2
-=======
     layers = len(as_stack(cell).layers)
->>>>>>> directions
     announce(forecast(solver(chosen.order), u, v, len(curves), chosen.order, layers), cell.name, most_minutes)
     parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
     name, measures = f"modal {cell.name}", (_own_error, _error_in_any)
@@ -156,10 +152,7 @@ def make_table(
     InputError where it is forecast to take longer than `most_minutes`.
     """
     watch = Stopwatch()
-<<<<<<< HEAD
     check_fringes(cell, u_max, v_max, tolerance)
-=======
->>>>>>> directions
     refuse_early(cell, u_max, v_max, most_minutes)
     chosen, refined = choose_nodes(choose(cell, u_max, v_max, tolerance), u_max, v_max, tolerance, most_minutes)
     found = refined.samples
