@@ -129,9 +129,9 @@ def solve_direction(
         solved(rung)
         if len(done) < min(3, len(settings.pixels_per_wavelength)):
             continue
-        best, error = estimate(done, periods(cell)) if smooth else cautious_estimate(done)
-        if narrowest(cell) * n_x < _RESOLVED:
-            error *= _UNRESOLVED
+        seen = narrowest(cell) * n_x >= _RESOLVED
+        best, error = estimate(done, periods(cell)) if smooth and seen else cautious_estimate(done)
+        error *= 1.0 if seen else _UNRESOLVED
         stress = float(np.abs(best[:2] - best[3:]).max())
         error = max(error, stress) + _RESIDUAL_SHARE * decay.residual
         if error <= settings.tolerance:
