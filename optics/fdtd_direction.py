@@ -30,7 +30,8 @@ _FOURTH_ORDER = 3.0
 # What a second-order extrapolation misses of a first-order error, per change from the pair before (ratios of √2).
 _FIRST_ORDER = 2.5
 _UNSTEADY = 2.0
-# Pieces of a metal or absorber below two pixels are seen through means only: of 11 such cells the error missed two.
+# Pieces below two pixels are seen through means only: of 56 random cells, about half of them with such pieces, the
+# stated error missed three, all absorbing, by factors of up to 1.4.
 _RESOLVED, _UNRESOLVED = 2.0, 2.0
 # Extrapolation triples what is missing of either resolution (2 b − a for a ratio of √2).
 _RESIDUAL_SHARE = 3.0
@@ -128,9 +129,9 @@ def solve_direction(
         solved(rung)
         if len(done) < min(3, len(settings.pixels_per_wavelength)):
             continue
-        best, error = estimate(done, periods(cell)) if smooth else cautious_estimate(done)
-        if not smooth and narrowest(cell) * n_x < _RESOLVED:
-            error *= _UNRESOLVED
+        seen = narrowest(cell) * n_x >= _RESOLVED
+        best, error = estimate(done, periods(cell)) if smooth and seen else cautious_estimate(done)
+        error *= 1.0 if seen else _UNRESOLVED
         stress = float(np.abs(best[:2] - best[3:]).max())
         error = max(error, stress) + _RESIDUAL_SHARE * decay.residual
         if error <= settings.tolerance:
