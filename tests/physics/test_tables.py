@@ -66,7 +66,8 @@ def test_q_is_continuous_across_cutoffs_and_where_the_range_of_v_is_split(made):
     v = np.random.default_rng(1).uniform(0.0, table.v[-1], 300)
     for u in cuts.u(v):
         held = np.abs(u) < table.u[-1] - 1e-9
-        step = table.q(u[held] + 1e-15, v[held]) - table.q(u[held] - 1e-15, v[held])
+        # Beside a cut-off q changes as the root of the distance, here of that between neighbouring numbers.
+        step = table.q(np.nextafter(u, 1.0)[held], v[held]) - table.q(np.nextafter(u, -1.0)[held], v[held])
         assert np.abs(step).max() < 1e-6
     u = np.random.default_rng(2).uniform(-table.u[-1], table.u[-1], 300)
     for split in breaks(cuts, table.u[0], table.u[-1], table.v[-1])[1:-1]:
@@ -105,12 +106,13 @@ def test_a_lossless_cell_on_an_absorber_keeps_its_energy_balance(te):
     cell = Metagrating.model_validate(te.model_dump() | {"index": {"n": 2.0}, "surroundings": around})
     table = make_table(cell, 0.05, 0.05, 0.1)
     assert table.absorptance_nodes.min() > 0.5
-    assert table.attrs["energy_imbalance"] == 0.0
+    # From the fields' own loss behind the cell, which is all that is lost.
+    assert 0.0 <= table.attrs["energy_imbalance"] < 1e-10
 
 
-def test_more_orders_than_can_be_solved_are_refused(te):
+def test_more_orders_than_can_be_solved_in_time_are_refused_with_the_time(te):
     wide = Metagrating.model_validate(te.model_dump() | {"period_nm": 2e5})
-    with pytest.raises(InputError, match=r"period_nm = 200000: must be at most 101\d\d\d; more than ±100"):
+    with pytest.raises(InputError, match=r"--most-minutes = 30: the table of mark1e_te would take longer: .*minutes"):
         make_table(wide, 0.05, 0.05, 0.1)
 
 
