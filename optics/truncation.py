@@ -40,6 +40,8 @@ SLICES = (8, 16, 32, 64, 128, 256)
 _FEW_SLICES = 12
 # Shares of the tolerance for the error of orders and of slices; the share of directions that has to keep it.
 _SHARE, _QUANTILE = 0.25, 0.99
+# What may be stated of it, which is more: the rest is for interpolation.
+_STATED = 0.4
 # Steep falls before the slow rate of edges sets in are not carried on.
 _RATES = (0.3, 3.0)
 _FITTED = 4  # changes
@@ -247,7 +249,13 @@ def _orders(
 
     up = climb(at, ladder, _SHARE * tolerance)
     below = [n for n in (*_BELOW, *LADDER) if n < ladder[0]][-2:]
-    return Chosen(stack, up.rung, gauge(up, at, below), reasons=_why(up, "diffraction orders", "±"))
+    chosen = Chosen(stack, up.rung, gauge(up, at, below), reasons=_why(up, "diffraction orders", "±"))
+    for finer in [n for n in ladder if n > up.rung]:
+        own, _ = chosen.errors(u, v, at(chosen.order))
+        if np.quantile(own, _QUANTILE) <= _STATED * tolerance:
+            break
+        chosen = with_order(chosen, finer)
+    return chosen
 
 
 def _why(up: Climb, what: str, sign: str = "") -> tuple[str, ...]:
