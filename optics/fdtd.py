@@ -26,7 +26,7 @@ from optics.cells import require_coherent
 from optics.command import add_table_arguments, check_range, checked
 from optics.fdtd_adaptive import adapt
 from optics.fdtd_direction import check_window, solve_direction
-from optics.fdtd_grid import FdtdSettings
+from optics.fdtd_grid import TABLE, FdtdSettings
 from optics.fdtd_parts import Rows, block, merge, read_rows, write_rows
 from optics.fdtd_progress import Progress, check_memory, expected_directions, spread
 from optics.fdtd_run import import_meep
@@ -73,14 +73,14 @@ def solve_adaptively(
     cell: Grating, u_max: float, v_max: float, settings: FdtdSettings, path: Path
 ) -> tuple[Floats, Floats, float]:
     """Nodes u, v chosen by what FDTD itself finds, the error between those in v; the rows of all of them in `path`."""
-    expected = lacking(cell, expected_directions(cell, u_max, v_max, settings.tolerance), settings, path)
+    expected = lacking(cell, expected_directions(cell, u_max, v_max, (TABLE - 1) * settings.tolerance), settings, path)
     with Progress(cell, settings, expected, f"FDTD {cell.name}") as progress:
 
         def response(directions: Floats) -> Floats:
             rows = solve_rows(cell, directions, settings, path, progress).selected(directions)
             return np.stack([rows.column("q_g"), rows.column("q_n")], axis=-1)
 
-        return adapt(response, u_max, v_max, settings.tolerance)
+        return adapt(response, u_max, v_max, (TABLE - 1) * settings.tolerance)
 
 
 def read_nodes(path: str, cell: Grating) -> tuple[Floats, Floats, float | None]:
@@ -158,7 +158,7 @@ def main() -> None:
     cell = read_grating(arguments.cell, arguments.wavelength_nm)
     require_coherent(cell, "optics.fdtd")
     check_range(cell.surroundings.front, arguments.u_max, arguments.v_max)
-    settings = validate({"tolerance": arguments.tolerance}, FdtdSettings, "command line")
+    settings = validate({"tolerance": arguments.tolerance / TABLE}, FdtdSettings, "command line")
     if (arguments.part or arguments.merge) and not arguments.nodes:
         raise InputError("--part and --merge need --nodes, the file of all directions; make it with optics.nodes")
     if arguments.merge:

@@ -12,13 +12,15 @@ from optics.files import Positive, Strict
 from optics.outline import Grating, depth_nm, polygons
 
 _FEWEST = 8  # pixels a period
+# A table's tolerance in those of its directions: the rest is for what lies between them.
+TABLE = 3.0
 
 
 class FdtdSettings(Strict):
     """How FDTD is run. Lengths in wavelengths, unless a name says otherwise; times in periods of the light.
 
-    `pixels_per_wavelength`, in the densest material, are tried in order until the error estimated is below `tolerance`;
-    see `rungs`.
+    `pixels_per_wavelength`, in the densest material, are tried in order until the error estimated is below `tolerance`,
+    that of a direction; see `rungs`. A table's own is `TABLE` times that.
     `symmetries` is refused: with forces or a Bloch vector this Meep gives wrong results.
     """
 

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator, BarycentricInterpolator
 
-from optics.fdtd_grid import FdtdSettings, step_of_time
+from optics.fdtd_grid import TABLE, FdtdSettings, step_of_time
 from optics.fdtd_medium import fit_error
 from optics.files import InputError, Strict, versions
 from optics.hdf5 import new_hdf5, read_hdf5
@@ -166,7 +166,7 @@ def merge(
         "interpolation_error": float(interpolated.max()), "permittivity_error": fit,
     }
     table = PressureTable(u, v, q, absorptance, error, mirror_v=True, attrs=attrs)
-    return promised(table, settings.tolerance, _causes(settings, rows, interpolated))
+    return promised(table, TABLE * settings.tolerance, _causes(settings, rows, interpolated))
 
 
 def _causes(settings: FdtdSettings, rows: Rows, interpolated: Floats) -> list[str]:
@@ -179,7 +179,7 @@ def _causes(settings: FdtdSettings, rows: Rows, interpolated: Floats) -> list[st
         )
     if (capped := rows.column("capped") > 0).any():
         found.append(f"{capped.sum()} directions still ring after {settings.longest:g} periods")
-    if interpolated.max() > settings.tolerance / 2:
+    if interpolated.max() > (TABLE - 1) * settings.tolerance:
         found.append(f"directions too far apart: {interpolated.max():.2g} between them; make nodes for less")
     return found
 
@@ -210,7 +210,9 @@ def _attrs(cell: Grating, settings: FdtdSettings, rows: Rows, u_nodes: Floats, v
     finest, counts = np.unique(rows.column("finest"), return_counts=True)
     return {
         "name": cell.name, "solver": "fdtd", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
-        "settings": settings.model_dump(mode="json"), "nodes_u": u_nodes.tolist(), "nodes_v": v_nodes.tolist(),
+        "settings": settings.model_dump(mode="json") | {
+            "tolerance": TABLE * settings.tolerance, "tolerance_of_a_direction": settings.tolerance,
+        }, "nodes_u": u_nodes.tolist(), "nodes_v": v_nodes.tolist(),
         "directions_by_pixels_per_wavelength": {f"{key:.3g}": int(n) for key, n in zip(finest, counts, strict=True)},
         "cutoffs": sorted({
             x for n in (cell.surroundings.front, cell.surroundings.back)
