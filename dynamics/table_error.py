@@ -95,6 +95,8 @@ def collect(seen: Iterable[Seen], tables: Mapping[str, PressureTable], polarised
         if stated.size and stated.max() > largest:
             i = np.unravel_index(int(stated.argmax()), stated.shape)
             largest, design, at = float(stated[i]), one.design, (float(one.u[i]), float(one.v[i]))
+    if not design:
+        return TableErrors(0.0, "", at, 0.0, missed(tables))
     lit = np.asarray(error) > 0.0
     share = np.asarray(error)[lit] / np.abs(np.asarray(thrust)[lit])
     return TableErrors(largest, design, at, float(share.max(initial=0.0)), missed(tables))

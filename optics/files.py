@@ -225,6 +225,9 @@ def run_stage(main: Callable[[], None]) -> None:
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        print("interrupted; the same command begins again, or goes on where a stage keeps what it has", file=sys.stderr)
+        raise SystemExit(130) from None
     except OSError as error:
         said = str(error.strerror or error).splitlines()[0]
         print(f"error: {error.filename or 'input or output'}: {said}", file=sys.stderr)

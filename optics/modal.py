@@ -12,7 +12,7 @@ from optics.absorption import imbalance
 from optics.cells import LamellarStack, Metagrating, as_stack, is_coherent
 from optics.command import check_range, table_arguments
 from optics.files import Stopwatch, run_stage, versions
-from optics.forecast import MOST_MINUTES, announce, forecast
+from optics.forecast import MOST_MINUTES, announce, forecast, require_time
 from optics.incidence import Floats, worst_polarisation
 from optics.incidence import cutoffs as rayleigh_cutoffs
 from optics.lamellar import Response as Response
@@ -29,7 +29,7 @@ from optics.resonances import Window
 from optics.samples import Solve, start
 from optics.strips import Curves, breaks, rayleigh_curves
 from optics.table import PARITY, STOKES_PARITY, Cutoffs, PressureTable
-from optics.truncation import Chosen, Forces, choose, finer_rungs, rungs, with_order
+from optics.truncation import Chosen, Forces, choose, finer_rungs, propagating, rungs, with_order
 
 # Modes that reach the far side of their layer with less than this share of the tolerance are left out there.
 _NEGLIGIBLE, _NOISE = 1e-2, 1e-5
@@ -106,9 +106,16 @@ def choose_nodes(
     """
     cell = chosen.cell
 
+    watch = Stopwatch()
+
     def solver(n: int) -> Solve:
         negligible = min(_NEGLIGIBLE * tolerance, _NOISE)
-        return lambda u, v: _quantities(chosen.solve(u, v, negligible, n))
+
+        def at(u: Floats, v: Floats) -> Floats:
+            require_time(watch.cpu_seconds, cell.name, most_minutes)
+            return _quantities(chosen.solve(u, v, negligible, n))
+
+        return at
 
     curves, u, v = first_directions(cell, u_max, v_max)
     layers = len(as_stack(cell).layers)
@@ -152,6 +159,7 @@ def make_table(
     InputError where it is forecast to take longer than `most_minutes`.
     """
     watch = Stopwatch()
+    propagating(cell, u_max)
     check_fringes(cell, u_max, v_max, tolerance)
     refuse_early(cell, u_max, v_max, most_minutes)
     chosen, refined = choose_nodes(choose(cell, u_max, v_max, tolerance), u_max, v_max, tolerance, most_minutes)

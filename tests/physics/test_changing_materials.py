@@ -298,10 +298,11 @@ def test_the_bound_of_heat_is_that_of_its_explicit_steps(tmp_path: Path):
     """A little below it a rough temperature field calms down, above it (which no scene may ask for) it blows up."""
     quick = {**COLD, "conductivity_W_mK": 1e9}
     scene = dark(3, sail={"sectors": film(**quick)}, effects={"conduction": True, "expansion": False})
-    heat = Flight(altered(scene, flight={"time_step_s": 1e-9, "heat_every": 1}), {}, tmp_path)
+    heat = Flight(altered(scene, flight={"duration_s": 1e-6, "time_step_s": 1e-9, "heat_every": 1}), {}, tmp_path)
     mesh, m = heat.membrane.mesh, heat.model.heat
     rate = 2.0 * np.bincount(mesh.edges.ravel(), np.repeat(m.conductance, 2)) * m.per_capacity
     limit = 2.0 / rate.max()
+    scene = altered(scene, flight={"duration_s": 1e-6})
     with pytest.raises(InputError, match=r"flight\.heat_every = 1: so many steps of .* must be below"):
         Flight(altered(scene, flight={"time_step_s": 1.001 * limit, "heat_every": 1}), {}, tmp_path)
     for factor, calms in ((0.999, True), (2.2, False)):

@@ -110,7 +110,7 @@ def test_members_that_fail_cost_no_fdtd_and_no_flight(tmp_path):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "Snakefile", tmp_path)
     search = tmp_path / "workflow/designs/search.yaml"
-    data = yaml.safe_load(search.read_text()) | {"orders": 5}
+    data = yaml.safe_load(search.read_text())
     for group in ("te", "tm"):
         data[group] = {key: values[::3] for key, values in data[group].items()}
     search.write_text(yaml.safe_dump(data))

@@ -69,7 +69,7 @@ def test_a_published_time_step_stays_the_same_share_of_the_bound_on_a_coarser_me
 def test_a_wrong_list_ends_with_one_line(tmp_path):
     path = tmp_path / "published.yaml"
     path.write_text("- {scene: fig6, figure: Fig. 6, ring: 12}\n")
-    with pytest.raises(InputError, match=r"published.yaml: flights.0: unknown key 'ring'; did you mean 'rings'"):
+    with pytest.raises(InputError, match=r"published.yaml: flights\[0\]: unknown key 'ring'; did you mean 'rings'"):
         read_published(path)
 
 
