@@ -155,7 +155,8 @@ def screen(scene: scenes.Scene, members: pd.DataFrame, cells: pd.DataFrame) -> p
         say_members(scene, len(possible), _trial(scene, possible, known) * len(possible))
     found = [assess(scene, chunk, known) for chunk in progress(chunks, "screening", unit="chunk")]
     out = members.join(pd.concat(found)) if found else members.assign(verdict="impossible")
-    resolved = numbers.isin(cells.loc[cells["resolved"], "cell"]).all(axis=1)
+    # As an array: of a Series pandas compares only rows of the same index.
+    resolved = numbers.isin(cells.loc[cells["resolved"], "cell"].to_numpy()).all(axis=1)
     verdict = out["verdict"].fillna("impossible")
     return out.assign(verdict=verdict.where(resolved | (verdict == "impossible"), "unresolved"))
 

@@ -59,8 +59,8 @@ def require_time(spent: float, name: str, most_minutes: float) -> None:
     """InputError where a table has taken more than `most_minutes`, whatever was forecast; spent in CPU seconds."""
     if spent > 60.0 * most_minutes:
         raise InputError(
-            f"--most-minutes = {most_minutes:g}: the table of {name} has taken that long, longer than foreseen; raise it, "
-            "or choose a larger --tolerance or smaller --u-max and --v-max"
+            f"--most-minutes = {most_minutes:g}: the table of {name} has taken that long, longer than foreseen; raise "
+            "it, or choose a larger --tolerance or smaller --u-max and --v-max"
         )
 
 

@@ -89,6 +89,7 @@ def test_members_of_a_cell_without_a_limit_are_unresolved_and_never_ranked():
     touched = after["te_cell"] == loser
     assert set(after["verdict"][touched]) <= {"unresolved", "impossible"}
     assert (after["verdict"][touched] == "unresolved").sum() == 5
+    assert not (after["verdict"][~touched] == "unresolved").any()
     assert (after["rank"][touched] == -1).all()
     assert (after["verdict"][~touched] == before["verdict"][~touched]).all()
 

@@ -117,7 +117,8 @@ def test_several_steps_at_once_are_the_same_steps_to_the_bit(tmp_path: Path, sti
 def test_sails_with_few_rows_a_thread_fly_alike(tmp_path: Path, rings: int):
     ends = []
     for threads in (1, 2, 5):
-        scene = dark(rings, sail={"sectors": film()}, beam={"intensity_W_m2": 1e9, "radius_m": 4.0 if rings == 1 else 1.0})
+        beam = {"intensity_W_m2": 1e9, "radius_m": 4.0 if rings == 1 else 1.0}
+        scene = dark(rings, sail={"sectors": film()}, beam=beam)
         flight = Flight(scene, {}, tmp_path / str(threads), threads)
         flight.step = flight.model.release
         flight.state.x[2] += 0.01 * flight.state.x[0]
@@ -159,7 +160,8 @@ def test_steps_at_once_are_those_one_by_one_to_the_bit(
 ):
     """Also where an element tears amid them, or, where none can, numbers of triangles overflow."""
     scene = dark(
-        rings, sail={"outline": outline, "sectors": film()}, beam={"intensity_W_m2": 1e9, "radius_m": 4.0 if rings == 1 else 1.0},
+        rings, sail={"outline": outline, "sectors": film()},
+        beam={"intensity_W_m2": 1e9, "radius_m": 4.0 if rings == 1 else 1.0},
         flight={"stiffness": kind, "optics_every": 32, "heat_every": 32, "series_every": 64},
         effects={"tensile_failure": growth < 1.0},
     )
