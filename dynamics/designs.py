@@ -87,12 +87,12 @@ def _each(sail: Sail, change: Callable[[str, Region], Region]) -> Sail:
     """The sail with every region changed; `change` is told where in the scene it stands."""
 
     def all_of(where: str, regions: list) -> list:
-        return [change(f"{where}.{i}", region) if region is not None else None for i, region in enumerate(regions)]
+        return [change(f"{where}[{i}]", region) if region is not None else None for i, region in enumerate(regions)]
 
     update: dict[str, object] = {"sectors": all_of("sectors", sail.sectors)}
     if isinstance(sail.rim, Rim):
         update["rim"] = sail.rim.model_copy(update={"sectors": all_of("rim.sectors", sail.rim.sectors)})
     if isinstance(sail.grid, Grid):
-        rows = [all_of(f"grid.regions.{i}", row) for i, row in enumerate(sail.grid.regions)]
+        rows = [all_of(f"grid.regions[{i}]", row) for i, row in enumerate(sail.grid.regions)]
         update["grid"] = sail.grid.model_copy(update={"regions": rows})
     return sail.model_copy(update=update)
