@@ -43,11 +43,11 @@ def _one(cell: Metagrating | LamellarStack, u: float, v: float, order: int) -> F
         tops.append(top)
         bounces.append(bounce)
     e_in, h_in = (part[0] for part in incident_light(np.array([u]), vs, order, stack.front_index))
-    f = np.linalg.solve(np.eye(2 * n) - front @ rho, e_in + h_in - front @ (e_in - h_in))
+    f: Complexes = np.linalg.solve(np.eye(2 * n) - front @ rho, e_in + h_in - front @ (e_in - h_in))
     entering, lost = _power(f, rho @ f), np.zeros(2)
-    for wave, top, bounce, layer in zip(waves, tops[::-1], bounces[::-1], layers, strict=True):
-        down = np.linalg.solve(top, f)
-        up = bounce @ down
+    for wave, entry, turn, layer in zip(waves, tops[::-1], bounces[::-1], layers, strict=True):
+        down = np.linalg.solve(entry, f)
+        up = turn @ down
         lost += _loss(wave, down, up, layer.thickness)
         f = wave.plus @ (wave.x[:, None] * down) + wave.minus @ up
     power = (e_in * h_in.conj()).sum(axis=0).real
@@ -81,7 +81,7 @@ class _Waves(NamedTuple):
 
 def _waves(layer: Lamella, over: Basis, v: float) -> _Waves:
     t = modes(layer, over)
-    k_z = square_root(np.concatenate([t.beta2_s, t.beta2_p]) - v**2)
+    k_z = square_root(np.asarray(np.concatenate([t.beta2_s, t.beta2_p]) - v**2, complex))
     k_s, k_p = np.split(k_z, 2)
     none = np.zeros_like(t.psi)
     e_x, d_x = np.hstack([none, t.displaced_phi]), np.hstack([none, t.phi * t.beta2_p])
@@ -100,7 +100,7 @@ def _imaginary(matrix: Complexes) -> Complexes:
 def _loss(of: _Waves, down: Complexes, up: Complexes, thickness: float) -> Floats:
     """∫ Im ε |E|² dz (2,) of amplitudes (2n, 2) from the top down and from the bottom up."""
     start, end = of.k_z.conj()[:, None], of.k_z[None]
-    same = _over(end - start, thickness, np.exp(1j * (end - start) * thickness) - 1.0, thickness)
+    same = _over(end - start, thickness, np.asarray(np.exp(1j * (end - start) * thickness) - 1.0, complex), thickness)
     cross = _over(start + end, thickness, of.x - of.x.conj()[:, None], thickness * of.x[None])
 
     def pairs(a: Complexes, matrix: Complexes, b: Complexes) -> Complexes:

@@ -44,7 +44,7 @@ def passive(epsilon: Complexes, step: float) -> Medium:
     rest = np.asarray(epsilon).real - lossy * lossy_response.real
     missing = np.maximum(1 + nyquist * lossy - rest, 0.0)
     free = missing / (-free_response - nyquist)
-    return Medium(rest - free * free_response, free, lossy)
+    return Medium(rest - free * free_response, free, np.asarray(lossy, float))
 
 
 def permittivity(medium: Medium, step: float) -> Complexes:

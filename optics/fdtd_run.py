@@ -136,7 +136,8 @@ class Run:
         self.step = 2 * np.pi * self.frequency * settings.courant * grid.pixel
         orders = leaving_orders(cell, u, v)
         keep = np.isclose(orders.u, u, atol=1e-12) if empty else np.ones(orders.u.size, bool)
-        self.orders = Orders(*(part[keep] for part in orders))
+        kept: list[Any] = [part[keep] for part in orders]
+        self.orders = Orders(*kept)
         self.components = [self.mp.Ex, self.mp.Ez, self.mp.Hx, self.mp.Hz]
         self.material = material(cell, grid, settings.courant)
         with contextlib.redirect_stderr(io.StringIO()):  # a note on odd numbers of pixels, which are meant

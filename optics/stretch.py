@@ -200,8 +200,8 @@ def exact(of: Stretch, n: int) -> NDArray[np.bool_]:
 
 def basis(of: Stretch | None, u: float, pitch: float, order: int) -> Basis:
     """The basis of orders −order … order at one u."""
-    u_m = u + pitch * np.arange(-order, order + 1)
+    u_m = (u + pitch * np.arange(-order, order + 1)).astype(np.float64)
     if of is None:
         return Basis(None, u_m, None)
     cosines, columns = eigh(np.diag(u_m), weight(of, u_m.size))
-    return Basis(of, np.where(exact(of, u_m.size), u_m, cosines), columns.astype(complex))
+    return Basis(of, np.where(exact(of, u_m.size), u_m, cosines).astype(np.float64), columns.astype(complex))

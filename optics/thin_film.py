@@ -164,7 +164,8 @@ def film(cell: ThinFilm) -> Film:
     """The cell for look-ups."""
     index, thickness, wavelength = _arrays(cell)
     return Film(
-        index, 2 * np.pi * thickness / wavelength, _coherent(cell).astype(np.int64), P_SHARE[cell.polarisation]
+        np.asarray(index, complex), 2 * np.pi * thickness / wavelength, _coherent(cell).astype(np.int64),
+        P_SHARE[cell.polarisation],
     )
 
 
