@@ -120,7 +120,7 @@ rule fdtd_table:
     resources:
         mem_mb=2000,
         runtime=10,
-        accept=accept_missed,
+        accept=accept_missed_fdtd,
     message:
         "FDTD table of {wildcards.design}"
     shell:
