@@ -16,7 +16,7 @@ climbed with extrapolated values.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import NamedTuple
@@ -94,6 +94,12 @@ class Climb:
     def rung(self) -> int:
         """The rung chosen."""
         return self.rungs[self.chosen]
+
+    def onwards(self) -> Iterator[Climb]:
+        """The climb itself, then the same with each of the higher rungs chosen that it holds."""
+        own, last = change(self.found[self.chosen], self.found[-1])[1], self.found[-1]
+        for k in range(self.chosen, len(self.rungs)):
+            yield replace(self, chosen=k, error=self.error - own + change(self.found[k], last)[1])
 
     def typical(self) -> float:
         """Error at 99 % of the directions."""
@@ -222,7 +228,7 @@ def finer_rungs(order: int) -> list[int]:
 
 def with_order(chosen: Chosen, order: int) -> Chosen:
     """The same with a higher rung; its error shows in the rungs below it as that of the other did in those."""
-    below = tuple([n for n in LADDER if n < order][: -len(chosen.gauge.coarser) - 1 : -1])
+    below = tuple([n for n in (*_BELOW, *LADDER) if n < order][: -len(chosen.gauge.coarser) - 1 : -1])
     return replace(chosen, order=order, gauge=replace(chosen.gauge, coarser=below))
 
 
@@ -249,12 +255,11 @@ def _orders(
 
     up = climb(at, ladder, _SHARE * tolerance)
     below = [n for n in (*_BELOW, *LADDER) if n < ladder[0]][-2:]
-    chosen = Chosen(stack, up.rung, gauge(up, at, below), reasons=_why(up, "diffraction orders", "±"))
-    for finer in [n for n in ladder if n > up.rung]:
-        own, _ = chosen.errors(u, v, at(chosen.order))
+    for one in up.onwards():
+        chosen = Chosen(stack, one.rung, gauge(one, at, below), reasons=_why(one, "diffraction orders", "±"))
+        own, _ = chosen.errors(u, v, one.found[one.chosen])
         if np.quantile(own, _QUANTILE) <= _STATED * tolerance:
             break
-        chosen = with_order(chosen, finer)
     return chosen
 
 
