@@ -28,7 +28,7 @@ from optics.files import InputError
 from optics.incidence import Floats, worst_polarisation
 from optics.lamellar import Response, solve
 from optics.limit import refuse_without_limit
-from optics.outline import Grating, is_upright, upright
+from optics.outline import Grating, is_upright, polygons, upright
 from optics.scattering import NEGLIGIBLE
 
 LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 90, 110, 135, 165, 200, 245, 300, 365, 440)
@@ -255,10 +255,12 @@ def _orders(
 
     up = climb(at, ladder, _SHARE * tolerance)
     below = [n for n in (*_BELOW, *LADDER) if n < ladder[0]][-2:]
+    metal = any(epsilon.real < 0 for _, epsilon in polygons(stack))
     for one in up.onwards():
         chosen = Chosen(stack, one.rung, gauge(one, at, below), reasons=_why(one, "diffraction orders", "±"))
         own, _ = chosen.errors(u, v, one.found[one.chosen])
-        if np.quantile(own, _QUANTILE) <= _STATED * tolerance:
+        # On metals the gauge of higher rungs overstates more than it gains.
+        if metal or np.quantile(own, _QUANTILE) <= _STATED * tolerance:
             break
     return chosen
 
