@@ -260,7 +260,7 @@ def main() -> None:
         arguments.out, arguments.watch,
         f"{stability.verdict}{why}, largest |λ| = {stability.max_modulus:.6f} ± {stability.spread:.1g}, "
         f"margin {stability.margin:.3g} 1/s ({low:.3g} … {high:.3g})",
-        [f"tables err by at most {worst:.2g} at normal incidence{said_missed(tables)}"] if tables else [],
+        [f"tables err by at most {worst:.2g} at normal incidence{said_missed(missed(tables))}"] if tables else [],
     )
 
 

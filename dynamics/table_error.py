@@ -64,8 +64,10 @@ class TableErrors:
         """In words, empty where no table was read."""
         if not self.design:
             return ""
-        lacking = f"; table of {', '.join(self.missed)} MISSED its tolerance" if self.missed else ""
-        return f"tables err by at most {self.largest:.2g}, the force by {self.share:.2g} of the thrust{lacking}"
+        return (
+            f"tables err by at most {self.largest:.2g}, the force by {self.share:.2g} of the thrust"
+            f"{said_missed(self.missed)}"
+        )
 
 
 def missed(tables: Mapping[str, PressureTable]) -> tuple[str, ...]:
@@ -73,9 +75,9 @@ def missed(tables: Mapping[str, PressureTable]) -> tuple[str, ...]:
     return tuple(name for name, table in tables.items() if not table.attrs.get("tolerance_met", 1))
 
 
-def said_missed(tables: Mapping[str, PressureTable]) -> str:
+def said_missed(names: Iterable[str]) -> str:
     """The end of a line that names tables which missed their tolerance; empty if none did."""
-    names = missed(tables)
+    names = tuple(names)
     return f"; table of {', '.join(names)} MISSED its tolerance" if names else ""
 
 
