@@ -213,22 +213,15 @@ def _column(x: Dual) -> Dual:
 def _waves(seeds: _Seeds, i: int, layer: Lamella, over: _Basis, v: Dual) -> tuple[Dual, Dual, Dual]:
     """f₊, f₋ (2n, 2n) of the modes of layer i running along +z, and their decay (2n,)."""
     u_m, one = over.cosines, np.eye(over.cosines.value.size)
+    if not layer.ridges:
+        return _plane_waves(layer.background, u_m, v, seeds.thickness(i, layer))
     k = dual.diagonal(u_m)
-    if layer.ridges:
-        epsilon = seeds.contrast(i, over, False) + layer.background * one
-        inverse = seeds.contrast(i, over, True) + one / layer.background
-        beta2_s, psi = dual.eig(epsilon - k @ k)
-        inverse_epsilon_k = dual.solve(epsilon, k)
-        beta2_p, phi = dual.eig(dual.solve(inverse, one - k @ inverse_epsilon_k))
-        displaced, k_phi = inverse @ phi * beta2_p, inverse_epsilon_k @ phi
-    else:
-        background = layer.background
-        # An order along the layer (k_z = 0) is no cut-off, but its two waves are one there.
-        if np.abs(background - u_m.value**2 - v.value**2).min() < _ALONG:
-            background += _ALONG
-        beta2_s = beta2_p = background - u_m * u_m
-        psi = phi = dual.lift(one.astype(complex), k)
-        displaced, k_phi = dual.diagonal(beta2_p) / background, k / background
+    epsilon = seeds.contrast(i, over, False) + layer.background * one
+    inverse = seeds.contrast(i, over, True) + one / layer.background
+    beta2_s, psi = dual.eig(epsilon - k @ k)
+    inverse_epsilon_k = dual.solve(epsilon, k)
+    beta2_p, phi = dual.eig(dual.solve(inverse, one - k @ inverse_epsilon_k))
+    displaced, k_phi = inverse @ phi * beta2_p, inverse_epsilon_k @ phi
     k_s, k_p = (dual.sqrt(beta2 - v * v, square_root) for beta2 in (beta2_s, beta2_p))
     electric, magnetic, across = psi * k_s, psi * beta2_s, v * (_column(u_m) * psi)
     s_plus = dual.concatenate([-electric - magnetic, across], 0)
@@ -238,6 +231,16 @@ def _waves(seeds: _Seeds, i: int, layer: Lamella, over: _Basis, v: Dual) -> tupl
     p_minus = dual.concatenate([across, electric - magnetic], 0)
     x = dual.exp(1j * dual.concatenate([k_s, k_p], 0) * seeds.thickness(i, layer))
     return dual.concatenate([s_plus, p_plus], 1), dual.concatenate([s_minus, p_minus], 1), x
+
+
+def _plane_waves(permittivity: complex, u_m: Dual, v: Dual, thickness: Dual) -> tuple[Dual, Dual, Dual]:
+    """`_waves` of a homogeneous layer, for each component of ẑ × E: f± = (1 ± y) ẑ × E, y_p − y_s = k_t²/k_z."""
+    # An order along the layer (k_z = 0) is no cut-off, but its two waves are one there.
+    if np.abs(permittivity - u_m.value**2 - v.value**2).min() < _ALONG:
+        permittivity += _ALONG
+    k_z = _k_z(u_m, v, permittivity)
+    y, one = _tensor(k_z, 1.0 / k_z, u_m, v), np.eye(2 * u_m.value.size)
+    return one + y, one - y, dual.exp(1j * dual.concatenate([k_z, k_z], 0) * thickness)
 
 
 def _k_z(u_m: Dual, v: Dual, permittivity: complex) -> Dual:

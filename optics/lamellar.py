@@ -34,7 +34,7 @@ from optics import thick
 from optics.cells import LamellarStack, Metagrating, as_stack
 from optics.incidence import Complexes, Floats, electric_vector, order_cosines, polarisation_basis, stokes, wave_vector
 from optics.momentum import pressure
-from optics.scattering import NEGLIGIBLE, LayerModes, scatter
+from optics.scattering import NEGLIGIBLE, LayerModes, joints, scatter
 from optics.stretch import Basis, Mesh, Stretch, basis, fourier_coefficients, mesh, stretch, toeplitz_matrix
 
 # A mode exactly at its cut-off (k_z = 0) is moved off it by this much: q moves by as little, and no matrix is singular.
@@ -263,14 +263,17 @@ def through_layers(
     """`scatter` for n_d directions, those of one u and basis from `starts` on: f± at the top, f₊ below."""
     top, bottom = np.empty((v.size, 2, *source.shape[1:]), complex), np.empty_like(source)
     thickness = np.array([layer.thickness for layer in stack.patterned])[:, None]
+    epsilon = np.array([np.nan if layer.ridges else layer.background for layer in stack.patterned])
     for over, begin, end in zip(bases, starts, [*starts[1:], v.size], strict=True):
         layers = [modes(layer, over) for layer in stack.patterned]
         stacked = LayerModes(*(np.stack(part) for part in zip(*layers, strict=True)))
-        beta2 = np.concatenate([stacked.beta2_s, stacked.beta2_p], axis=1)
-        k_z = square_root(np.subtract(beta2, v[begin:end, None, None] ** 2))
-        x, part = np.exp(1j * k_z * thickness), slice(begin, end)
+        beta2, part = np.concatenate([stacked.beta2_s, stacked.beta2_p], axis=1), slice(begin, end)
+        k_z = square_root(np.subtract(beta2, v[part, None, None] ** 2))
+        for i in np.flatnonzero(~np.isnan(epsilon)):
+            k_z[:, i] = np.tile(half_space(over.cosines, v[part], epsilon[i])[0], 2)
         scatter(
-            stacked, v[part], k_z, x, front[part], back[part], source[part], negligible, top[part], bottom[part]
+            stacked, joints(stacked, epsilon), epsilon, over.cosines, v[part], k_z, np.exp(1j * k_z * thickness),
+            front[part], back[part], source[part], negligible, top[part], bottom[part],
         )
     return top, bottom
 

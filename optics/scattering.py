@@ -1,6 +1,15 @@
 """Light through a stack of patterned layers, from the modes of each: compiled functions for `optics.lamellar`.
 
-Fields are held as f± = ẑ × E ± h, stacked as 2n numbers: x components of n orders, then y components.
+Towards both half-spaces fields are held as f± = ẑ × E ± h, stacked as 2n numbers: x components of n orders, then y
+components. Between two layers they are held by the modes themselves, whose overlaps know neither v nor the thicknesses:
+with amplitudes a± of modes, electric amplitudes e = (k_z,s (a₊ + a₋)_s, (a₊ + a₋)_p) and magnetic ones
+h = ((a₊ − a₋)_s, k_z,p (a₊ − a₋)_p), continuous E and h give
+
+    e = [[C, v E], [0, A]] e',    h = [[B, 0], [v G, F]] h'
+
+from one patterned layer to the next, so that what returns at a joint, a₋ = Γ a₊, takes one solution of linear
+equations. In homogeneous layers both families of an order with β² = 0 are one and the same wave: there the modes are
+plane waves, held by the components of ẑ × E, and joints are made through f±.
 """
 
 from __future__ import annotations
@@ -52,6 +61,20 @@ def _waves(t: LayerModes, layer: int, v: float, k_z: Complexes, plus: Complexes,
 
 
 @numba.njit(cache=True)
+def _plane_waves(epsilon: complex, u_m: Floats, v: float, k_z: Complexes, plus: Complexes, minus: Complexes) -> None:
+    """f₊ and f₋ (2n, 2n) of the plane waves of a homogeneous layer, for each component of ẑ × E; as `_waves`."""
+    n = u_m.size
+    plus[:], minus[:] = 0.0, 0.0
+    for i in range(n):
+        k_t = np.hypot(u_m[i], v)
+        a, b = (u_m[i] / k_t, v / k_t) if k_t > 0 else (1.0, 0.0)
+        s, p = k_z[i], epsilon / k_z[i]
+        xx, xy, yy = s * a * a + p * b * b, a * b * (s - p), s * b * b + p * a * a
+        plus[i, i], plus[i, n + i], plus[n + i, i], plus[n + i, n + i] = 1.0 + xx, xy, xy, 1.0 + yy
+        minus[i, i], minus[i, n + i], minus[n + i, i], minus[n + i, n + i] = 1.0 - xx, -xy, -xy, 1.0 - yy
+
+
+@numba.njit(cache=True)
 def _ends(
     rho: Complexes, plus: Complexes, minus: Complexes, reach: NDArray[np.int64], a: Complexes, b: Complexes
 ) -> None:
@@ -94,10 +117,9 @@ def _subtract(a: Complexes, product: Complexes, reach: NDArray[np.int64]) -> Non
 
 @numba.njit(cache=True)
 def _seen_from_above(
-    plus: Complexes, minus: Complexes, x: Complexes, reach: NDArray[np.int64], bounce: Complexes, top: Complexes
+    plus: Complexes, minus: Complexes, part: Complexes, reach: NDArray[np.int64], top: Complexes
 ) -> Complexes:
     """ρ of a layer and what lies behind: f₋ f₊⁻¹ with f₊ = F₊ + F₋ x b, which goes into `top`, and f₋ = F₋ + F₊ x b."""
-    part = _returned(bounce, reach, x)
     top[:] = plus
     away = minus.copy()
     _subtract(top, -minus[:, reach] @ part, reach)
@@ -105,27 +127,104 @@ def _seen_from_above(
     return np.ascontiguousarray(np.linalg.solve(np.ascontiguousarray(top.T), np.ascontiguousarray(away.T)).T)
 
 
+class Joints(NamedTuple):
+    """Overlaps (n_l − 1, n, n) of the modes of each layer with those of the next; zeros beside homogeneous layers.
+
+    A = X⁻¹ X', B = (ψ β²)⁻¹ ψ' β'², C = ψ⁻¹ ψ', E = ψ⁻¹ (K_φ A − K_φ'), F = φ⁻¹ φ', G = φ⁻¹ (K ψ' − K ψ B) with
+    X = β² ⟦1/ε⟧ φ and K_φ = ⟦ε⟧⁻¹ K φ.
+    """
+
+    a: Complexes
+    b: Complexes
+    c: Complexes
+    e: Complexes
+    f: Complexes
+    g: Complexes
+
+
+def joints(t: LayerModes, epsilon: Complexes) -> Joints:
+    """The overlaps of neighbours among layers of permittivities `epsilon` (n_l), NaN for patterned ones."""
+    n_l, n, _ = t.psi.shape
+    out = np.zeros((6, n_l - 1, n, n), complex)
+    both = np.flatnonzero(np.isnan(epsilon[:-1]) & np.isnan(epsilon[1:]))
+    if both.size:
+        above, below = (LayerModes(*(part[both + k] for part in t)) for k in (0, 1))
+        a = np.linalg.solve(above.displaced_phi, below.displaced_phi)
+        along = np.concatenate([below.psi, above.k_phi @ a - below.k_phi], axis=-1)
+        c, e = np.split(np.linalg.solve(above.psi, along), 2, axis=-1)
+        b = c * below.beta2_s[:, None] / above.beta2_s[:, :, None]
+        across = np.concatenate([below.phi, below.k_psi - above.k_psi @ b], axis=-1)
+        f, g = np.split(np.linalg.solve(above.phi, across), 2, axis=-1)
+        out[:, both] = a, b, c, e, f, g
+    return Joints(*out)
+
+
+@numba.njit(cache=True)
+def _joined(
+    t: Joints, i: int, v: float, k_z: Complexes, k_next: Complexes, part: Complexes, reach: NDArray[np.int64],
+    total: Complexes, apart: Complexes,
+) -> None:
+    """2 a₊ and 2 a₋ (2n, 2n) above joint i, per a₊ at the top of the layer below, of which `part` returns there."""
+    m = k_z.size
+    n = m // 2
+    electric, magnetic = np.zeros((m, m), np.complex128), np.zeros((m, m), np.complex128)
+    for r in range(reach.size):
+        for c in range(reach.size):
+            electric[reach[r], reach[c]] = part[r, c]
+            magnetic[reach[r], reach[c]] = -part[r, c]
+    for j in range(m):
+        electric[j, j] += 1.0
+        magnetic[j, j] += 1.0
+    for j in range(n):
+        electric[j] *= k_next[j]
+        magnetic[n + j] *= k_next[n + j]
+    es, ep = t.c[i] @ electric[:n] + v * (t.e[i] @ electric[n:]), t.a[i] @ electric[n:]
+    hs, hp = t.b[i] @ magnetic[:n], v * (t.g[i] @ magnetic[:n]) + t.f[i] @ magnetic[n:]
+    for r in range(n):
+        inverse_s, inverse_p = 1.0 / k_z[r], 1.0 / k_z[n + r]
+        for c in range(m):
+            x, y = es[r, c] * inverse_s, hs[r, c]
+            total[r, c], apart[r, c] = x + y, x - y
+            x, y = ep[r, c], hp[r, c] * inverse_p
+            total[n + r, c], apart[n + r, c] = x + y, x - y
+
+
+@numba.njit(cache=True)
+def _columns(whole: Complexes, reach: NDArray[np.int64], x: Complexes) -> Complexes:
+    """The columns `reach` of a matrix, given transposed, times the decays x."""
+    out = np.empty((whole.shape[1], reach.size), np.complex128)
+    for c in range(reach.size):
+        out[:, c] = whole[reach[c]] * x[reach[c]]
+    return out
+
+
 @numba.njit(cache=True)
 def _bounces(
-    x: Complexes, back: Complexes, negligible: float, plus: Complexes, minus: Complexes, top: Complexes
+    joints: Joints, epsilon: Complexes, v: float, k_z: Complexes, x: Complexes, back: Complexes, negligible: float,
+    plus: Complexes, minus: Complexes, total: Complexes,
 ) -> list[Complexes]:
-    """Amplitudes (2n, n_reach) that return at the bottom of each layer, per amplitude at its top, last layer first."""
-    n_l, m = plus.shape[0], plus.shape[1]
-    a = np.empty((m, m), np.complex128)
-    out: list[Complexes] = []
-    for layer in range(n_l - 1, -1, -1):
-        reach = _reaching(x[layer], negligible)
-        b = np.empty((m, reach.size), np.complex128)
-        if layer == n_l - 1:
-            _ends(back, plus[layer], minus[layer], reach, a, b)
+    """Amplitudes (2n, n_reach) that return at the bottom of each layer, per amplitude at its top, last layer first.
+
+    total (n_l − 1, 2n, 2n) of joints: 2 a₊ above, or f₊ beside homogeneous layers, per a₊ at the top of the next layer.
+    """
+    n_l, m = x.shape
+    a, b = np.empty((m, m), np.complex128), np.empty((m, m), np.complex128)
+    reach = _reaching(x[-1], negligible)
+    _ends(back, plus[-1], minus[-1], np.arange(m), a, b)
+    out = [np.ascontiguousarray(np.linalg.solve(a, b[:, reach] * x[-1][reach]))]
+    for i in range(n_l - 2, -1, -1):
+        part = _returned(out[-1], reach, x[i + 1])
+        if np.isnan(epsilon[i].real) and np.isnan(epsilon[i + 1].real):
+            _joined(joints, i, v, k_z[i], k_z[i + 1], part, reach, total[i], a)
+            reach = _reaching(x[i], negligible)
+            whole = np.linalg.solve(np.ascontiguousarray(total[i].T), np.ascontiguousarray(a.T))
+            out.append(_columns(whole, reach, x[i]))
         else:
-            i = layer + 1
-            rho = _seen_from_above(plus[i], minus[i], x[i], _reaching(x[i], negligible), out[-1], top[i])
-            a[:] = plus[layer] - rho @ minus[layer]
-            b[:] = (rho @ plus[layer] - minus[layer])[:, reach]
-        for c in range(reach.size):
-            b[:, c] *= x[layer, reach[c]]
-        out.append(np.ascontiguousarray(np.linalg.solve(a, b)))
+            rho = _seen_from_above(plus[i + 1], minus[i + 1], part, reach, total[i])
+            reach = _reaching(x[i], negligible)
+            a[:] = plus[i] - rho @ minus[i]
+            b[:] = rho @ plus[i] - minus[i]
+            out.append(np.ascontiguousarray(np.linalg.solve(a, b[:, reach] * x[i][reach])))
     return out
 
 
@@ -144,29 +243,36 @@ def _amplitudes(
 
 @numba.njit(cache=True)
 def scatter(
-    modes: LayerModes, v: Floats, k_z: Complexes, x: Complexes, front: Complexes, back: Complexes, source: Complexes,
-    negligible: float, outer: Complexes, inner: Complexes,
+    modes: LayerModes, joints: Joints, epsilon: Complexes, u_m: Floats, v: Floats, k_z: Complexes, x: Complexes,
+    front: Complexes, back: Complexes, source: Complexes, negligible: float, outer: Complexes, inner: Complexes,
 ) -> None:
     """f₊ and f₋ at the top (outer (n_v, 2, 2n, 2)) and f₊ at the bottom (inner (n_v, 2n, 2)) of n_l layers for each v.
 
-    k_z, x (n_v, n_l, 2n): wave numbers and decays of the modes. front, back (n_v, n, 2, 2): ρ seen from the layers.
-    source (n_v, 2n, 2): f₊ − ρ_front f₋ of the incident light for each of two polarisations. Modes that decay below
-    `negligible` do not see the far side of their layer.
+    epsilon (n_l): permittivities of homogeneous layers, NaN for patterned ones. k_z, x (n_v, n_l, 2n): wave numbers and
+    decays of the modes. front, back (n_v, n, 2, 2): ρ seen from the layers. source (n_v, 2n, 2): f₊ − ρ_front f₋ of the
+    incident light for each of two polarisations. Modes that decay below `negligible` do not see the far side of their
+    layer.
     """
     n_l, m = modes.psi.shape[0], 2 * modes.psi.shape[1]
     plus, minus = np.empty((n_l, m, m), np.complex128), np.empty((n_l, m, m), np.complex128)
-    top = np.empty((n_l, m, m), np.complex128)
+    total, patterned = np.empty((n_l - 1, m, m), np.complex128), np.isnan(epsilon.real)
     for p in range(v.size):
-        for layer in range(n_l):
-            _waves(modes, layer, v[p], k_z[p, layer], plus[layer], minus[layer])
-        bounces = _bounces(x[p], back[p], negligible, plus, minus, top)
+        for i in range(n_l):
+            if not patterned[i]:
+                _plane_waves(epsilon[i], u_m, v[p], k_z[p, i], plus[i], minus[i])
+            elif i == 0 or i == n_l - 1 or not (patterned[i - 1] and patterned[i + 1]):
+                _waves(modes, i, v[p], k_z[p, i], plus[i], minus[i])
+        bounces = _bounces(joints, epsilon, v[p], k_z[p], x[p], back[p], negligible, plus, minus, total)
         down = _amplitudes(front[p], source[p], x[p, 0], negligible, plus[0], minus[0], bounces[-1])
-        for layer in range(n_l):
-            decay = x[p, layer].copy().reshape(m, 1)
-            if layer > 0:
-                down = np.linalg.solve(top[layer], inner[p])
-            up = bounces[n_l - 1 - layer] @ np.ascontiguousarray(down[_reaching(x[p, layer], negligible)])
-            if layer == 0:
+        for i in range(n_l):
+            decay = x[p, i].copy().reshape(m, 1)
+            up = bounces[n_l - 1 - i] @ np.ascontiguousarray(down[_reaching(x[p, i], negligible)])
+            if i == 0:
                 outer[p, 0] = plus[0] @ down + minus[0] @ (decay * up)
                 outer[p, 1] = minus[0] @ down + plus[0] @ (decay * up)
-            inner[p] = plus[layer] @ (decay * down) + minus[layer] @ up
+            if i == n_l - 1:
+                inner[p] = plus[i] @ (decay * down) + minus[i] @ up
+            elif patterned[i] and patterned[i + 1]:
+                down = 2.0 * np.linalg.solve(total[i], decay * down)
+            else:
+                down = np.linalg.solve(total[i], plus[i] @ (decay * down) + minus[i] @ up)

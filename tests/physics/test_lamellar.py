@@ -45,6 +45,21 @@ def test_a_layer_cut_into_slices_is_the_same_layer(axis):
     assert np.abs(whole.absorptance_stokes - sliced.absorptance_stokes).max() < 1e-12
 
 
+def test_an_order_that_runs_along_a_homogeneous_layer_is_like_its_neighbours():
+    """At u = 0 a period of one wavelength sends orders with β² = 0 through a gap of vacuum; v > 0 makes them decay."""
+    cell = stack(GRATING, {"thickness_nm": 1500.0, "index": {"n": 1.0}}, SECOND)
+    cell = cell.model_copy(update={"wavelength_nm": 1400.0})
+    step, v = 1e-5, np.array([0.11, 0.3])
+    found = solve(cell, step * np.array([-2.0, -1.0, 0.0, 1.0, 2.0]), v, 10).q_stokes
+    between = (4 * (found[1] + found[3]) - found[0] - found[4]) / 6
+    assert np.abs(found[2] - between).max() < 1e-11
+    for k, y in enumerate(v):
+        q = derivatives(cell, 0.0, float(y), 10, ("u",))
+        assert q.q == pytest.approx(solve(cell, np.zeros(1), v, 10).q[0, k], abs=1e-11)
+        own = solve(cell, step * np.array([-2.0, -1.0, 1.0, 2.0]), v, 10).q[:, k]
+        assert q.q_dot[0] == pytest.approx((8 * (own[2] - own[1]) + own[0] - own[3]) / (12 * step), abs=1e-8)
+
+
 def test_a_period_taken_twice_has_the_same_response():
     """Twice the period with twice the ridges: the orders in between stay dark."""
     doubled = stack(GRATING, FILM, SECOND).model_dump()
