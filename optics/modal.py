@@ -108,14 +108,18 @@ def choose_nodes(
 
     watch = Stopwatch()
 
-    def solver(n: int) -> Solve:
+    def solver(n: int, scout: bool = False) -> Solve:
         negligible = min(_NEGLIGIBLE * tolerance, _NOISE)
 
         def at(u: Floats, v: Floats) -> Floats:
             require_time(watch.cpu_seconds, cell.name, most_minutes)
-            return _quantities(chosen.solve(u, v, negligible, n))
+            found = chosen.scout(u, v, n, negligible) if scout else chosen.solve(u, v, negligible, n)
+            return _quantities(found)
 
         return at
+
+    def scout(n: int) -> Solve:
+        return solver(n, scout=True)
 
     curves, u, v = first_directions(cell, u_max, v_max)
     layers = len(as_stack(cell).layers)
@@ -123,10 +127,10 @@ def choose_nodes(
     parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
     name, measures = f"modal {cell.name}", (_own_error, _error_in_any)
     samples, window = start(solver(chosen.order), curves, u, v, parity, _OWN), resonance_window(cell, u_max, v_max)
-    scout = solver(min(chosen.order, _guided(cell, u_max) + _MARGIN))
-    if not are_there(scout, samples, window, tolerance):
+    few = scout(min(chosen.order, _guided(cell, u_max) + _MARGIN))
+    if not are_there(few, samples, window, tolerance):
         return chosen, refine(samples, tolerance, measures, name)
-    order = enough_orders(solver, finer_rungs(chosen.order), samples, window, tolerance)
+    order = enough_orders(scout, finer_rungs(chosen.order), samples, window, tolerance)
     if order > chosen.order:
         chosen = with_order(chosen, order)
         samples = start(solver(order), curves, u, v, parity, _OWN)

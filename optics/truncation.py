@@ -189,6 +189,10 @@ class Chosen:
             return fine
         return extrapolated(fine, solve(self.half, u, v, order or self.order, negligible))
 
+    def scout(self, u: Floats, v: Floats, order: int, negligible: float = NEGLIGIBLE) -> Response:
+        """Response as few slices give it: resonances are there, if not quite where they belong."""
+        return solve(self.few or self.cell, u, v, order, negligible)
+
     def errors(
         self, u: Floats, v: Floats, fine: Forces | Response, negligible: float = NEGLIGIBLE
     ) -> tuple[Floats, Floats]:
@@ -278,8 +282,13 @@ def _with_slices(cell: Grating, u: Floats, v: Floats, ladder: Sequence[int], tol
 
     up = climb(lambda count: extrapolated(plain(count), plain(count // 2)), SLICES, _SHARE * tolerance)
     found = _orders(few := upright(cell, _FEW_SLICES), u, v, ladder, tolerance)
-    seen = np.maximum(change(up.found[up.chosen], plain(up.rung // 2))[1], _LEAST)
+    of_orders, _ = found.errors(u, v, solve(few, u, v, found.order))
+    for one in up.onwards():
+        own, seen = change(one.found[one.chosen], plain(one.rung // 2))
+        factor = _SAFETY * float(np.quantile(one.error / np.maximum(seen, _LEAST), _COVERED))
+        if np.quantile(of_orders + factor * own, _QUANTILE) <= _STATED * tolerance:
+            break
     return Chosen(
-        upright(cell, up.rung), found.order, found.gauge, up.rung, upright(cell, up.rung // 2), few,
-        _SAFETY * float(np.quantile(up.error / seen, _COVERED)), _why(up, "slices") + found.reasons,
+        upright(cell, one.rung), found.order, found.gauge, one.rung, upright(cell, one.rung // 2), few, factor,
+        _why(up, "slices") + found.reasons,
     )
