@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from optics.absorption import imbalance
 from optics.cells import LamellarStack, Metagrating, as_stack, is_coherent
 from optics.command import check_range, table_arguments
+from optics.compiling import compiling
 from optics.files import Stopwatch, run_stage, versions
 from optics.forecast import MOST_MINUTES, announce, forecast, require_time
 from optics.incidence import Floats, worst_polarisation
@@ -128,9 +129,9 @@ def choose_nodes(
     name, measures = f"modal {cell.name}", (_own_error, _error_in_any)
     samples, window = start(solver(chosen.order), curves, u, v, parity, _OWN), resonance_window(cell, u_max, v_max)
     few = scout(min(chosen.order, _guided(cell, u_max) + _MARGIN))
-    if not are_there(few, samples, window, tolerance):
+    if not are_there(few, samples, window, tolerance, name):
         return chosen, refine(samples, tolerance, measures, name)
-    order = enough_orders(scout, finer_rungs(chosen.order), samples, window, tolerance)
+    order = enough_orders(scout, finer_rungs(chosen.order), samples, window, tolerance, name)
     if order > chosen.order:
         chosen = with_order(chosen, order)
         samples = start(solver(order), curves, u, v, parity, _OWN)
@@ -200,8 +201,9 @@ def main() -> None:
     arguments = table_arguments("optics.modal", what, 1e-4, 0.4227, most_minutes=MOST_MINUTES)
     cell = read_grating(arguments.cell, arguments.wavelength_nm)
     check_range(cell.surroundings.front, arguments.u_max, arguments.v_max)
-    with threadpool_limits(1):
+    with threadpool_limits(1), compiling("20 s") as spent:
         table = make_table(cell, arguments.u_max, arguments.v_max, arguments.tolerance, arguments.most_minutes)
+    table.attrs["cpu_seconds"] -= spent.cpu_seconds
     finish(table, arguments.out, arguments.accept_missed)
 
 

@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from optics.files import progress
 from optics.rational import Complexes
 from optics.refinement import Measures, Refined, refine, together
 from optics.resonances import Along, LinePoles, Window, find_poles
@@ -33,10 +34,15 @@ def _along(solve: Solve) -> Along:
     return lambda u, v: solve(u, np.array([v]))[:, :, 0]
 
 
-def _lines(solve: Solve, samples: Samples, window: Window, v: Floats, lowest: float) -> list[LinePoles]:
+def _lines(
+    solve: Solve, samples: Samples, window: Window, v: Floats, lowest: float, name: str
+) -> list[LinePoles]:
     """Poles on lines v; the rows of all are solved together."""
     nodes = solve(samples.u, v)
-    return [find_poles(_along(solve), window, samples.u, float(y), lowest, nodes[:, :, j]) for j, y in enumerate(v)]
+    return [
+        find_poles(_along(solve), window, samples.u, float(y), lowest, nodes[:, :, j])
+        for j, y in enumerate(progress(v, f"{name}: any resonances", unit="line"))
+    ]
 
 
 def _look(samples: Samples, window: Window, tolerance: float, name: str) -> Followed:
@@ -48,25 +54,26 @@ def _look(samples: Samples, window: Window, tolerance: float, name: str) -> Foll
 
     lines = [
         find_poles(_along(samples.solve), window, samples.u, float(v), lowest, samples.nodes[:, :, j])
-        for j, v in enumerate(samples.v)
+        for j, v in enumerate(progress(samples.v, f"{name}: resonances", unit="line"))
     ]
     return follow(find, lines, window, samples.parity, samples.leading, _BETWEEN * tolerance, name)
 
 
-def are_there(scout: Solve, samples: Samples, window: Window, tolerance: float) -> bool:
+def are_there(scout: Solve, samples: Samples, window: Window, tolerance: float, name: str = "table") -> bool:
     """Whether there are any resonances to be taken out, as seen by a solver of few orders on some lines."""
     v = samples.v[np.unique(np.linspace(0, samples.v.size - 1, _SCOUTED).round().astype(int))]
-    return any(line.p.size for line in _lines(scout, samples, window, v, _LOWEST * tolerance))
+    return any(line.p.size for line in _lines(scout, samples, window, v, _LOWEST * tolerance, name))
 
 
 def enough_orders(
-    solver: Callable[[int], Solve], rungs: Sequence[int], samples: Samples, window: Window, tolerance: float
+    solver: Callable[[int], Solve], rungs: Sequence[int], samples: Samples, window: Window, tolerance: float,
+    name: str = "table",
 ) -> int:
     """The first rung, or the last, with which resonances on a few lines are settled to a share of the tolerance."""
     v = samples.v[[0, samples.v.size // 2, -1]]
-    lines = _lines(solver(rungs[0]), samples, window, v, _LOWEST * tolerance)
+    lines = _lines(solver(rungs[0]), samples, window, v, _LOWEST * tolerance, name)
     for order, finer in pairwise(rungs):
-        more = _lines(solver(finer), samples, window, v, _LOWEST * tolerance)
+        more = _lines(solver(finer), samples, window, v, _LOWEST * tolerance, name)
         apart = max(difference(a, b, window, samples.leading) for a, b in zip(lines, more, strict=True))
         if apart <= _SETTLED * tolerance:
             return order

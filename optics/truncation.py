@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optics.cells import LamellarStack, Metagrating
-from optics.files import InputError
+from optics.files import InputError, progress
 from optics.incidence import Floats, worst_polarisation
 from optics.lamellar import Response, solve
 from optics.limit import refuse_without_limit
@@ -106,11 +106,11 @@ class Climb:
         return float(np.quantile(self.error, _QUANTILE))
 
 
-def climb(at: Callable[[int], Response], ladder: Sequence[int], goal: float) -> Climb:
+def climb(at: Callable[[int], Response], ladder: Sequence[int], goal: float, what: str) -> Climb:
     """The first rung whose error is below `goal`, seen from the rungs above it; the last one where none is."""
     found: list[Response] = []
     changes: list[Floats] = []
-    for i, rung in enumerate(ladder):
+    for i, rung in enumerate(progress(ladder, what, unit="rung")):
         found.append(at(rung))
         if i:
             changes.append(change(found[-1], found[-2])[1])
@@ -257,7 +257,7 @@ def _orders(
     def at(order: int) -> Response:
         return solve(stack, u, v, order)
 
-    up = climb(at, ladder, _SHARE * tolerance)
+    up = climb(at, ladder, _SHARE * tolerance, f"modal {stack.name}: orders")
     below = [n for n in (*_BELOW, *LADDER) if n < ladder[0]][-2:]
     metal = any(epsilon.real < 0 for _, epsilon in polygons(stack))
     for one in up.onwards():
@@ -280,7 +280,8 @@ def _with_slices(cell: Grating, u: Floats, v: Floats, ladder: Sequence[int], tol
     def plain(count: int) -> Response:
         return solve(upright(cell, count), u, v, ladder[1])
 
-    up = climb(lambda count: extrapolated(plain(count), plain(count // 2)), SLICES, _SHARE * tolerance)
+    what = f"modal {cell.name}: slices"
+    up = climb(lambda count: extrapolated(plain(count), plain(count // 2)), SLICES, _SHARE * tolerance, what)
     found = _orders(few := upright(cell, _FEW_SLICES), u, v, ladder, tolerance)
     of_orders, _ = found.errors(u, v, solve(few, u, v, found.order))
     for one in up.onwards():
