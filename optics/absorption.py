@@ -13,13 +13,71 @@ import numpy as np
 
 from optics.cells import LamellarStack, Metagrating, as_stack
 from optics.incidence import Complexes, Floats
-from optics.lamellar import Lamella, blocks, half_space, incident_light, lamellae, modes, prepare, square_root
+from optics.lamellar import (
+    Lamella,
+    blocks,
+    half_space,
+    incident_light,
+    lamellae,
+    modes,
+    plane_waves,
+    prepare,
+    square_root,
+    tail,
+)
+from optics.slanted import Steps, generator, step_up, steps
+from optics.steps import ModalCell, Slanted
 from optics.stretch import Basis, basis
 
+# The (2, 2) Padé approximant of a step is Gauss's method of two stages: these make its energy balance exact.
+_GAUSS = np.array([[1 / 4, 1 / 4 - np.sqrt(3) / 6], [1 / 4 + np.sqrt(3) / 6, 1 / 4]])
 
-def imbalance(cell: Metagrating | LamellarStack, u: Floats, v: Floats, order: int) -> float:
+
+def imbalance(cell: ModalCell, u: Floats, v: Floats, order: int) -> float:
     """Largest |R + T + A − 1| at directions u, v (n,), light polarised along r and along g."""
-    return max(float(np.abs(_one(cell, x, y, order)).max()) for x, y in zip(u.tolist(), v.tolist(), strict=True))
+    return max(
+        float(np.abs(_of_steps(cell, x, y, order) if isinstance(cell, Slanted) else _one(cell, x, y, order)).max())
+        for x, y in zip(u.tolist(), v.tolist(), strict=True)
+    )
+
+
+def _of_steps(cell: Slanted, u: float, v: float, order: int) -> Floats:
+    """R + T + A − 1 (2,) of a profile taken in steps; layers behind them, which are homogeneous, take up the rest."""
+    stack, of, vs = prepare(cell), steps(cell, order), np.array([v])
+    u_m = plane_waves(stack, np.array([u]), order)[2]
+    n = u_m.shape[1]
+    y = half_space(u_m, vs, complex(stack.front_index) ** 2)[1]
+    front = _matrix(blocks((1 - y) / (1 + y), u_m, vs)[0])
+    rho = _matrix(blocks(tail(stack.behind, stack.back, u_m, vs)[0], u_m, vs)[0])
+    matrix, seen, down = np.empty((4 * n, 4 * n), complex), [rho], []
+    for i in reversed(range(of.thickness.size)):
+        generator(of, i, u_m[0], v, matrix)
+        rho, through = step_up(matrix, rho)
+        seen.append(rho)
+        down.append(through)
+    e_in, h_in = (part[0] for part in incident_light(np.array([u]), vs, order, stack.front_index))
+    f: Complexes = np.linalg.solve(np.eye(2 * n) - front @ rho, e_in + h_in - front @ (e_in - h_in))
+    entering, lost = _power(f, rho @ f), np.zeros(2)
+    for i, (above, through) in enumerate(zip(seen[:0:-1], down[::-1], strict=True)):
+        lost += _lost_in_step(of, i, u_m[0], v, np.concatenate([f + above @ f, f - above @ f]) / 2)
+        f = through @ f
+    return np.asarray((lost + _power(f, seen[0] @ f) - entering) / (e_in * h_in.conj()).sum(axis=0).real)
+
+
+def _lost_in_step(of: Steps, i: int, u_m: Floats, v: float, top: Complexes) -> Floats:
+    """∫ Eᴴ Im(Q) E dz (2,) over a step from the fields (4n, 2) at its top."""
+    n, q_zz = u_m.size, np.linalg.inv(of.z[i])
+    q_xz = q_zz @ of.z_x[i]
+    q_xx = of.p[i] + q_xz @ of.z_x[i]
+    matrix, total = np.empty((4 * n, 4 * n), complex), np.zeros(2)
+    generator(of, i, u_m, v, matrix)
+    stages = np.linalg.solve(np.eye(8 * n) - np.kron(_GAUSS, matrix), np.concatenate([top, top]))
+    for stage in np.split(stages, 2):
+        turned_x, e_x, h_x, h_y = np.split(stage, 4)
+        e_y, e_z = -turned_x, of.z[i] @ (v * h_x - u_m[:, None] * h_y) - of.z_x[i] @ e_x
+        d_x, d_y, d_z = q_xx @ e_x + q_xz @ e_z, of.epsilon[i] @ e_y, q_xz @ e_x + q_zz @ e_z
+        total += (e_x.conj() * d_x + e_y.conj() * d_y + e_z.conj() * d_z).sum(axis=0).imag / 2
+    return np.asarray(of.thickness[i] * total)
 
 
 def _one(cell: Metagrating | LamellarStack, u: float, v: float, order: int) -> Floats:

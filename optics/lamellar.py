@@ -31,10 +31,12 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from optics import thick
-from optics.cells import LamellarStack, Metagrating, as_stack
+from optics.cells import LamellarStack, as_stack
 from optics.incidence import Complexes, Floats, electric_vector, order_cosines, polarisation_basis, stokes, wave_vector
 from optics.momentum import pressure
 from optics.scattering import NEGLIGIBLE, LayerModes, joints, scatter
+from optics.slanted import climb_steps, steps
+from optics.steps import ModalCell, Slanted
 from optics.stretch import Basis, Mesh, Stretch, basis, fourier_coefficients, mesh, stretch, toeplitz_matrix
 
 # A mode exactly at its cut-off (k_z = 0) is moved off it by this much: q moves by as little, and no matrix is singular.
@@ -212,7 +214,8 @@ def flux(turned_e: Complexes, h: Complexes) -> Floats:
 class Stack:
     """A cell prepared for the solver: pitch λ/d, patterned layers, homogeneous layers behind them, permittivities.
 
-    Its walls, or None for plain plane waves. averaged: which of all layers have their fringes averaged.
+    Its walls, or None for plain plane waves. averaged: which of all layers have their fringes averaged. slanted: taken
+    in steps instead of patterned layers.
     """
 
     pitch: float
@@ -222,14 +225,24 @@ class Stack:
     back: complex
     walls: Mesh | None
     averaged: tuple[int, ...] = ()
+    slanted: Slanted | None = None
 
     def stretch(self, order: int) -> Stretch | None:
         """How x is stretched for so many orders."""
         return stretch(self.walls, order) if self.walls else None
 
 
-def prepare(cell: Metagrating | LamellarStack, stretched: bool = True) -> Stack:
+def _prepare_steps(cell: Slanted) -> Stack:
+    behind = [Lamella(2 * np.pi * part.thickness_nm / cell.wavelength_nm, part.index.permittivity, ())
+              for part in cell.behind]
+    around = cell.surroundings
+    return Stack(cell.pitch, [], behind, around.front, complex(around.back, around.back_k) ** 2, None, slanted=cell)
+
+
+def prepare(cell: ModalCell, stretched: bool = True) -> Stack:
     """The cell in solver units; `stretched=False` for plane waves along x itself."""
+    if isinstance(cell, Slanted):
+        return _prepare_steps(cell)
     stack = as_stack(cell)
     layers = lamellae(stack)
     last = max((i for i, layer in enumerate(layers) if layer.ridges), default=0)
@@ -298,7 +311,11 @@ def efficiencies(
     rho, through = tail(stack.behind, stack.back, u_m, v)
     e_in, h_in = incident_light(u, v, order, stack.front_index)
     source = e_in + h_in - apply_blocks(front, e_in - h_in)
-    top, bottom = through_layers(stack, bases, starts, v, front, blocks(rho, u_m, v), source, negligible)
+    if stack.slanted:
+        top, bottom = np.empty((v.size, 2, *source.shape[1:]), complex), np.empty_like(source)
+        climb_steps(steps(stack.slanted, order), u_m, v, front, blocks(rho, u_m, v), source, top, bottom)
+    else:
+        top, bottom = through_layers(stack, bases, starts, v, front, blocks(rho, u_m, v), source, negligible)
 
     e_r, h_r = (top[:, 0] + top[:, 1]) / 2 - e_in, (top[:, 0] - top[:, 1]) / 2 - h_in
     e_t = apply_blocks(blocks(through, u_m, v), bottom)
@@ -330,7 +347,7 @@ def _solve_block(
 
 
 def solve(
-    cell: Metagrating | LamellarStack, u: NDArray[np.float64], v: NDArray[np.float64], order: int,
+    cell: ModalCell, u: NDArray[np.float64], v: NDArray[np.float64], order: int,
     negligible: float = NEGLIGIBLE,
 ) -> Response:
     """Response over directions u (n_u) × v (n_v) with diffraction orders −order … order (see the module docstring).

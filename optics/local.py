@@ -19,14 +19,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
-from optics.cells import LamellarStack, Metagrating, as_stack, require_coherent
+from optics.cells import Metagrating, as_stack, require_coherent
 from optics.derivatives import derivatives
 from optics.files import InputError, atomic, check_out, progress, run_stage, validate
 from optics.incidence import Floats
+from optics.lamellar import solve
 from optics.limit import without_limit
 from optics.normal import NormalResponse
 from optics.section import cross_section
+from optics.steps import ModalCell, Slanted
 
+_STEP = 1e-4  # in u, of differences
 CUTOFF = 1e-9  # of a period of a whole number of wavelengths
 COARSER = (0.7, 0.85)  # shares of the orders; errors fall with wiggles, so that one of them may be right by chance
 ORDER = 15
@@ -46,20 +49,31 @@ def _at_cutoff(pitch: float, index: float) -> bool:
     return abs(nearest * pitch / index - 1.0) < CUTOFF
 
 
-def slopes(cell: Metagrating | LamellarStack, order: int) -> tuple[Floats, Floats]:
+def _slopes_of_steps(cell: Slanted, order: int) -> tuple[Floats, Floats]:
+    """`slopes` of a profile with slanted walls, by differences of fourth order."""
+    found = solve(cell, _STEP * np.array([-2.0, -1.0, 0.0, 1.0, 2.0]), np.zeros(1), order)
+    q, weights = found.q[:, 0], np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / (12 * _STEP)
+    return q[2], np.stack([weights @ q, [0.0, found.absorptance[2, 0], 0.0]], axis=1)
+
+
+def slopes(cell: ModalCell, order: int) -> tuple[Floats, Floats]:
     """Value q (3,) and its gradient (3, 2) at normal incidence with diffraction orders −order … order.
 
     Along v the response is even but for q_r = v a: momentum along the ridges is lost to absorption alone. At a Rayleigh
     cut-off, a period of a whole number of wavelengths in front of the cell or behind it, q has no gradient: NaN.
     """
+    at_cutoff = any(_at_cutoff(cell.pitch, index) for index in (cell.surroundings.front, cell.surroundings.back))
+    if isinstance(cell, Slanted):
+        q, gradient = _slopes_of_steps(cell, order)
+        return q, gradient * (np.nan if at_cutoff else 1.0)
     found = derivatives(cell, 0.0, 0.0, order, ("u",))
-    if any(_at_cutoff(cell.pitch, index) for index in (cell.surroundings.front, cell.surroundings.back)):
+    if at_cutoff:
         return found.q, np.full((3, 2), np.nan)
     return found.q, np.stack([found.q_dot[0], [0.0, found.absorptance, 0.0]], axis=1)
 
 
 def normal_response(
-    cell: Metagrating | LamellarStack, order: int, half: Metagrating | LamellarStack | None = None
+    cell: ModalCell, order: int, half: ModalCell | None = None
 ) -> NormalResponse:
     """Response of a cell; errors: the largest change of a value, or a slope, from 0.7 and 0.85 of the orders.
 

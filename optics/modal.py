@@ -9,7 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from optics.absorption import imbalance
-from optics.cells import LamellarStack, Metagrating, as_stack, is_coherent
+from optics.cells import as_stack, is_coherent
 from optics.command import check_range, table_arguments
 from optics.compiling import compiling
 from optics.files import Stopwatch, run_stage, versions
@@ -17,17 +17,17 @@ from optics.forecast import MOST_MINUTES, announce, forecast, require_time
 from optics.incidence import Floats, worst_polarisation
 from optics.incidence import cutoffs as rayleigh_cutoffs
 from optics.lamellar import Response as Response
-from optics.lamellar import prepare
 from optics.lamellar import solve as solve
 from optics.local import normal_response
 from optics.membranes import check_fringes
 from optics.narrow import FINER, are_there, enough_orders, refine_with_resonances
 from optics.normal import ATTRIBUTE
-from optics.outline import Grating, polygons, read_grating, upright
+from optics.outline import Grating, polygons, read_grating
 from optics.promise import finish, promised
 from optics.refinement import Refined, first_lines, refine
 from optics.resonances import Window
 from optics.samples import Solve, start
+from optics.steps import ModalCell, Slanted, modal_cell, source
 from optics.strips import Curves, breaks, rayleigh_curves
 from optics.table import PARITY, STOKES_PARITY, Cutoffs, PressureTable
 from optics.truncation import Chosen, Forces, choose, finer_rungs, propagating, rungs, with_order
@@ -69,23 +69,29 @@ def _error_in_any(differences: Floats) -> Floats:
     return np.asarray(worst_polarisation(parts).max(axis=0))
 
 
-def window_curves(cell: Metagrating | LamellarStack, u_max: float, v_max: float) -> Curves:
+def layer_count(cell: ModalCell) -> int:
+    """Layers or steps that the solution takes."""
+    return cell.count if isinstance(cell, Slanted) else len(as_stack(cell).layers)
+
+
+def window_curves(cell: ModalCell, u_max: float, v_max: float) -> Curves:
     """Cut-offs within the window, of both half-spaces."""
     # Where a half-space carries no waves at the largest v its cut-offs close within the table: left to refinement.
-    thick = {layer.index.n for layer in as_stack(cell).layers if not layer.coherent}
+    layers = [] if isinstance(cell, Slanted) else as_stack(cell).layers
+    thick = {layer.index.n for layer in layers if not layer.coherent}
     around = {cell.surroundings.front, cell.surroundings.back}
     # Orders appear in thick layers as in half-spaces. A table holds cut-offs of two indices.
     indices = tuple(n for n in (around | thick if len(around | thick) <= _MOST_INDICES else around) if n > v_max)
     return rayleigh_curves(cell.pitch, indices, -u_max, u_max, v_max)
 
 
-def resonance_window(cell: Metagrating | LamellarStack, u_max: float, v_max: float) -> Window:
+def resonance_window(cell: ModalCell, u_max: float, v_max: float) -> Window:
     """Where resonances are looked for: somewhat beyond the table."""
     reach = min(_BEYOND, 0.9 * (float(np.sqrt(cell.surroundings.front**2 - v_max**2)) - u_max))
     return Window(-u_max, u_max, reach, window_curves(cell, u_max + reach, v_max))
 
 
-def first_directions(cell: Metagrating | LamellarStack, u_max: float, v_max: float) -> tuple[Curves, Floats, Floats]:
+def first_directions(cell: ModalCell, u_max: float, v_max: float) -> tuple[Curves, Floats, Floats]:
     """Cut-offs, rows u and lines v that a table begins with."""
     curves = window_curves(cell, u_max, v_max)
     u = np.linspace(-u_max, u_max, max(_FEWEST_ROWS, 1 + 2 * int(np.ceil(u_max / _FIRST_STEP))))
@@ -123,7 +129,7 @@ def choose_nodes(
         return solver(n, scout=True)
 
     curves, u, v = first_directions(cell, u_max, v_max)
-    layers = len(as_stack(cell).layers)
+    layers = layer_count(cell)
     announce(forecast(solver(chosen.order), u, v, len(curves), chosen.order, layers), cell.name, most_minutes)
     parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
     name, measures = f"modal {cell.name}", (_own_error, _error_in_any)
@@ -139,20 +145,18 @@ def choose_nodes(
     return chosen, refine_with_resonances(samples, window, finer, tolerance, measures, name)
 
 
-def _guided(cell: Metagrating | LamellarStack, u_max: float) -> int:
+def _guided(cell: ModalCell, u_max: float) -> int:
     """Highest order that may run within the layers for |u| ≤ u_max."""
-    stack = prepare(cell)
-    layers = [*stack.patterned, *stack.behind]
-    every = [epsilon for layer in layers for epsilon in (layer.background, *(value for *_, value in layer.ridges))]
+    every = [1.0, *(epsilon for _, epsilon in polygons(source(cell)))]
     return int(np.ceil((max(np.sqrt(complex(epsilon)).real for epsilon in every) + u_max) / cell.pitch))
 
 
 def refuse_early(cell: Grating, u_max: float, v_max: float, most_minutes: float) -> None:
     """InputError where the fewest orders that may do, of a wide cell, would take too long: before any are tried."""
-    few, order = upright(cell, 8), rungs(cell, u_max)[0]
+    few, order = modal_cell(cell, 8), rungs(cell, u_max)[0]
     if order > _WIDE:
         curves, u, v = first_directions(few, u_max, v_max)
-        at_least = forecast(lambda x, y: solve(few, x, y, order), u, v, len(curves), order, len(as_stack(few).layers))
+        at_least = forecast(lambda x, y: solve(few, x, y, order), u, v, len(curves), order, layer_count(few))
         announce(at_least, cell.name, most_minutes)
 
 
@@ -167,7 +171,10 @@ def make_table(
     propagating(cell, u_max)
     check_fringes(cell, u_max, v_max, tolerance)
     refuse_early(cell, u_max, v_max, most_minutes)
-    chosen, refined = choose_nodes(choose(cell, u_max, v_max, tolerance), u_max, v_max, tolerance, most_minutes)
+    chosen = choose(
+        cell, u_max, v_max, tolerance, lambda: require_time(watch.cpu_seconds, cell.name, most_minutes)
+    )
+    chosen, refined = choose_nodes(chosen, u_max, v_max, tolerance, most_minutes)
     found = refined.samples
     q, absorptance, q_stokes, absorptance_stokes = _apart(found.nodes)
     nodes = Forces(np.moveaxis(q, 0, -1), np.moveaxis(q_stokes, (0, 1), (-2, -1)))

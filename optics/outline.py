@@ -18,6 +18,7 @@ from optics.files import InputError
 
 Floats = NDArray[np.float64]
 Grating = Metagrating | LamellarStack | Profile
+Piece = tuple[Floats, Index]
 
 # Straight pieces of a rounded corner: the polygon stays within 1.2e-3 of the radius of the arc (1 − cos(π/64)).
 _ARC = 16
@@ -57,10 +58,11 @@ def polygons(cell: Grating) -> list[tuple[Floats, complex]]:
 
     What none covers is as in front of the cell.
     """
-    return [(vertices, index.permittivity) for vertices, index in _pieces(cell)]
+    return [(vertices, index.permittivity) for vertices, index in pieces_of(cell)]
 
 
-def _pieces(cell: Grating) -> list[tuple[Floats, Index]]:
+def pieces_of(cell: Grating) -> list[Piece]:
+    """Vertices (k, 2) of [g, n] in nm and index of each piece; later ones lie over earlier ones."""
     if isinstance(cell, Profile):
         return [(np.array(polygon.vertices_nm), polygon.index) for polygon in cell.polygons]
     if isinstance(cell, LamellarStack):
@@ -73,7 +75,7 @@ def _pieces(cell: Grating) -> list[tuple[Floats, Index]]:
     return [*membrane, *((vertices, cell.index) for vertices in ridges)]
 
 
-def _stack(cell: LamellarStack) -> list[tuple[Floats, Index]]:
+def _stack(cell: LamellarStack) -> list[Piece]:
     pieces, top, front = [], 0.0, Index(n=cell.surroundings.front)
     for layer in cell.layers:
         bottom = top + layer.thickness_nm
@@ -108,8 +110,8 @@ def staircase(cell: Grating, slices: int) -> LamellarStack:
     middle of its slice (for a straight one the area is kept).
     """
     levels = _levels(cell, slices)
-    pieces = _pieces(cell)
-    layers = [_layer(cell, pieces, top, bottom) for top, bottom in pairwise(levels)]
+    pieces = pieces_of(cell)
+    layers = [layer_at(cell, pieces, top, bottom) for top, bottom in pairwise(levels)]
     return LamellarStack(
         kind="lamellar", name=cell.name, wavelength_nm=cell.wavelength_nm, electric_axis=cell.electric_axis,
         period_nm=cell.period_nm, layers=_joined(layers), surroundings=cell.surroundings,
@@ -123,19 +125,24 @@ def _levels(cell: Grating, slices: int) -> Floats:
         turn = np.linspace(0, np.pi / 2, slices + 1)
         corner = cell.corner_radius_nm * (1 - np.cos(turn))
         return np.unique([*corner, cell.ridge_height_nm, depth])
-    corners = np.unique(np.concatenate([[0.0, depth], *(vertices[:, 1] for vertices, _ in _pieces(cell))]))
+    levels = corners(cell)
     if isinstance(cell, LamellarStack):
-        return corners
+        return levels
     parts = [
-        np.linspace(a, b, 1 + (int(np.ceil(slices * (b - a) / depth)) if _slanted(cell, (a + b) / 2) else 1))[:-1]
-        for a, b in pairwise(corners)
+        np.linspace(a, b, 1 + (int(np.ceil(slices * (b - a) / depth)) if is_slanted(cell, (a + b) / 2) else 1))[:-1]
+        for a, b in pairwise(levels)
     ]
     return np.concatenate([*parts, [depth]])
 
 
-def _slanted(cell: Grating, n: float) -> bool:
+def corners(cell: Grating) -> Floats:
+    """Depths in nm of all corners, ascending from 0."""
+    return np.unique(np.concatenate([[0.0, depth_nm(cell)], *(vertices[:, 1] for vertices, _ in pieces_of(cell))]))
+
+
+def is_slanted(cell: Grating, n: float) -> bool:
     """Whether an edge that is not upright passes depth n."""
-    for vertices, _ in _pieces(cell):
+    for vertices, _ in pieces_of(cell):
         after = np.roll(vertices, -1, axis=0)
         passes = (vertices[:, 1] < n) != (after[:, 1] < n)
         if np.any(vertices[passes, 0] != after[passes, 0]):
@@ -152,7 +159,7 @@ def _crossings(vertices: Floats, n: float) -> list[tuple[float, float]]:
     return list(zip(g[::2].tolist(), g[1::2].tolist(), strict=True))
 
 
-def _layer(cell: Grating, pieces: Sequence[tuple[Floats, Index]], top: float, bottom: float) -> LamellarLayer:
+def layer_at(cell: Grating, pieces: Sequence[Piece], top: float, bottom: float) -> LamellarLayer:
     """The layer between two depths, as the outline is at the middle of them."""
     front, n = Index(n=cell.surroundings.front), (top + bottom) / 2
     spans = [(a, b, index) for vertices, index in pieces for a, b in _crossings(vertices, n)]

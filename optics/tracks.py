@@ -84,7 +84,7 @@ class Resonances:
         uu, vv = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
         out = np.empty((uu.size, len(self.h)))
         sum_poles(self.packed, self.count, self.v.size, uu.flatten(), vv.flatten(), out)
-        return np.moveaxis(out.reshape(*uu.shape, -1), -1, 0)
+        return np.moveaxis(out.reshape(*uu.shape, len(self.h)), -1, 0)
 
     def place(self, pole: int, v: Floats) -> Complexes:
         """Where a pole is (n) at v (n)."""

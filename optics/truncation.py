@@ -9,35 +9,33 @@ taken from the larger of the last two changes of each direction and enlarged by 
 errs by its distance from the last one more. A table's own directions are solved with two coarser rungs; their
 differences give the error by a factor that is calibrated on the few directions, where the error is known.
 
-Walls that are not upright are cut into slices, each as the outline is at its middle: the error is of second order in
-their thickness. What is found with all and with half of the slices is extrapolated, q + (q − q_half)/3, and the ladder
-climbed with extrapolated values.
+Where walls are not upright a cell is taken in slices or steps (`optics.slanted`), each as the outline is at its middle:
+the error is of second order in their thickness. What is found with all and with half of them is extrapolated,
+q + (q − q_half)/3, and the ladders are climbed with extrapolated values.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
 
-from optics.cells import LamellarStack, Metagrating
 from optics.files import InputError, progress
 from optics.incidence import Floats, worst_polarisation
 from optics.lamellar import Response, solve
 from optics.limit import refuse_without_limit
-from optics.outline import Grating, is_upright, polygons, upright
+from optics.outline import Grating, is_upright, polygons
 from optics.scattering import NEGLIGIBLE
+from optics.steps import ModalCell, modal_cell, source
 
 LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 90, 110, 135, 165, 200, 245, 300, 365, 440)
 # Beyond this a ladder only goes where orders that run need it.
 _HIGHEST = 100
 _BELOW = (5, 6)  # coarser than the ladder, to compare with
 SLICES = (8, 16, 32, 64, 128, 256)
-# How many orders it takes shows with few slices, which cost little.
-_FEW_SLICES = 12
 # Shares of the tolerance for the error of orders and of slices; the share of directions that has to keep it.
 _SHARE, _QUANTILE = 0.25, 0.99
 # What may be stated of it, which is more: the rest is for interpolation.
@@ -140,13 +138,12 @@ class Gauge:
 
 
 def gauge(up: Climb, at: Callable[[int], Response], below: Sequence[int]) -> Gauge:
-    """How the error of a climb's rung shows in its differences to the two rungs below it."""
+    """How the error of a climb's rung shows in its differences to the two rungs below it, as `at` gives them."""
     ladder = [*below, *up.rungs]
     place = len(below) + up.chosen
     coarser = tuple(ladder[max(0, place - 2) : place][::-1])
-    known = dict(zip(up.rungs, up.found, strict=True))
-    fine = up.found[up.chosen]
-    parts = [change(fine, known[n] if n in known else at(n))[1] for n in coarser]
+    fine = at(up.rung)
+    parts = [change(fine, at(n))[1] for n in coarser]
     sizes = [max(float(np.median(part)), _LEAST) for part in parts]
     weights = tuple(sizes[0] / size for size in sizes)
     total = np.sum([w * part for w, part in zip(weights, parts, strict=True)], axis=0)
@@ -164,16 +161,14 @@ def extrapolated(fine: Response, half: Response) -> Response:
 class Chosen:
     """A cell as the modal method takes it, its orders and slices, and how to tell their errors.
 
-    half, few: the cell with half the slices and with few, None where its walls are upright. reasons: why a tolerance is
-    missed.
+    half: the cell with half the slices, None where its walls are upright. reasons: why a tolerance is missed.
     """
 
-    cell: Metagrating | LamellarStack
+    cell: ModalCell
     order: int
     gauge: Gauge
     slices: int | None = None
-    half: Metagrating | LamellarStack | None = None
-    few: Metagrating | LamellarStack | None = None
+    half: ModalCell | None = None
     slice_factor: float = 0.0
     reasons: tuple[str, ...] = ()
 
@@ -190,19 +185,19 @@ class Chosen:
         return extrapolated(fine, solve(self.half, u, v, order or self.order, negligible))
 
     def scout(self, u: Floats, v: Floats, order: int, negligible: float = NEGLIGIBLE) -> Response:
-        """Response as few slices give it: resonances are there, if not quite where they belong."""
-        return solve(self.few or self.cell, u, v, order, negligible)
+        """Response as half of the slices give it: resonances are there, if not quite where they belong."""
+        return solve(self.half or self.cell, u, v, order, negligible)
 
     def errors(
         self, u: Floats, v: Floats, fine: Forces | Response, negligible: float = NEGLIGIBLE
     ) -> tuple[Floats, Floats]:
         """Error (n_u, n_v) of what was found from orders and slices, in the cell's own polarisation and in any."""
-        cell = self.few or self.cell
-        base = solve(cell, u, v, self.order, negligible) if self.few else fine
+        cell = self.half or self.cell
+        base = solve(cell, u, v, self.order, negligible) if self.half else fine
         own, every = self.gauge.read(base, [solve(cell, u, v, n, negligible) for n in self.gauge.coarser])
         if self.half is None:
             return own, every
-        more = change(fine, solve(self.half, u, v, self.order, negligible))
+        more = change(fine, base)
         return own + self.slice_factor * more[0], every + self.slice_factor * more[1]
 
 
@@ -236,60 +231,75 @@ def with_order(chosen: Chosen, order: int) -> Chosen:
     return replace(chosen, order=order, gauge=replace(chosen.gauge, coarser=below))
 
 
-def choose(cell: Grating, u_max: float, v_max: float, tolerance: float) -> Chosen:
+def choose(
+    cell: Grating, u_max: float, v_max: float, tolerance: float, go_on: Callable[[], None] = lambda: None
+) -> Chosen:
     """Fewest orders, and for walls that are not upright slices, whose error is a part of `tolerance`.
 
-    InputError where there is no limit (`optics.limit`).
+    InputError where there is no limit (`optics.limit`). `go_on` is asked before every solution and may refuse.
     """
     refuse_without_limit(cell)
     u, v = np.linspace(-u_max, 0.93 * u_max, 16), v_max * np.array([0.03, 0.5, 0.97])
     ladder = rungs(cell, u_max)
+
+    def solved(of: ModalCell, few_u: Floats, few_v: Floats, order: int) -> Response:
+        go_on()
+        return solve(of, few_u, few_v, order)
+
     if is_upright(cell):
-        return _orders(cell, u, v, ladder, tolerance)
-    return _with_slices(cell, u[::2], v[::2], ladder, tolerance)
+        at = cache(partial(solved, cell, u, v))
+        return _orders(cell, at, at, ladder, tolerance)
+    plain = cache(lambda count, order: solved(modal_cell(cell, count), u[::2], v[::2], order))
+    return _with_slices(cell, plain, ladder, tolerance)
 
 
 def _orders(
-    stack: Metagrating | LamellarStack, u: Floats, v: Floats, ladder: Sequence[int], tolerance: float
+    stack: ModalCell, at: Callable[[int], Response], told: Callable[[int], Response], ladder: Sequence[int],
+    tolerance: float,
 ) -> Chosen:
-    """Orders of a cell with upright walls."""
-
-    def at(order: int) -> Response:
-        return solve(stack, u, v, order)
-
+    """Orders of a cell, whose responses are `at`; their error is to be told from those that `told` gives."""
     up = climb(at, ladder, _SHARE * tolerance, f"modal {stack.name}: orders")
     below = [n for n in (*_BELOW, *LADDER) if n < ladder[0]][-2:]
-    metal = any(epsilon.real < 0 for _, epsilon in polygons(stack))
+    metal = any(epsilon.real < 0 for _, epsilon in polygons(source(stack)))
     for one in up.onwards():
-        chosen = Chosen(stack, one.rung, gauge(one, at, below), reasons=_why(one, "diffraction orders", "±"))
-        own, _ = chosen.errors(u, v, one.found[one.chosen])
+        found = gauge(one, told, below)
+        own, _ = found.read(told(one.rung), [told(n) for n in found.coarser])
         # On metals the gauge of higher rungs overstates more than it gains.
         if metal or np.quantile(own, _QUANTILE) <= _STATED * tolerance:
             break
-    return chosen
+    return Chosen(stack, one.rung, found, reasons=_why(one, "diffraction orders", "±"))
 
 
 def _why(up: Climb, what: str, sign: str = "") -> tuple[str, ...]:
     return () if up.met else (f"slow convergence: error {up.typical():.1g} at {sign}{up.rung} {what}",)
 
 
-def _with_slices(cell: Grating, u: Floats, v: Floats, ladder: Sequence[int], tolerance: float) -> Chosen:
-    """Slices at few orders, and orders at few slices: neither error knows much of the other's number."""
+def _with_slices(
+    cell: Grating, plain: Callable[[int, int], Response], ladder: Sequence[int], tolerance: float
+) -> Chosen:
+    """Slices at few orders, and orders at so many slices, extrapolated: with more orders fewer slices would not do.
 
-    @cache
-    def plain(count: int) -> Response:
-        return solve(upright(cell, count), u, v, ladder[1])
+    plain: what so many slices and orders give.
+    """
+
+    def both(count: int, order: int) -> Response:
+        return extrapolated(plain(count, order), plain(count // 2, order))
 
     what = f"modal {cell.name}: slices"
-    up = climb(lambda count: extrapolated(plain(count), plain(count // 2)), SLICES, _SHARE * tolerance, what)
-    found = _orders(few := upright(cell, _FEW_SLICES), u, v, ladder, tolerance)
-    of_orders, _ = found.errors(u, v, solve(few, u, v, found.order))
+    up = climb(lambda count: both(count, ladder[1]), SLICES, _SHARE * tolerance, what)
     for one in up.onwards():
-        own, seen = change(one.found[one.chosen], plain(one.rung // 2))
+        count = one.rung
+        found = _orders(
+            modal_cell(cell, count), partial(both, count), partial(plain, count // 2), ladder, tolerance
+        )
+        own, seen = change(one.found[one.chosen], plain(count // 2, ladder[1]))
         factor = _SAFETY * float(np.quantile(one.error / np.maximum(seen, _LEAST), _COVERED))
+        of_orders, _ = found.gauge.read(
+            plain(count // 2, found.order), [plain(count // 2, n) for n in found.gauge.coarser]
+        )
         if np.quantile(of_orders + factor * own, _QUANTILE) <= _STATED * tolerance:
             break
-    return Chosen(
-        upright(cell, one.rung), found.order, found.gauge, one.rung, upright(cell, one.rung // 2), few, factor,
-        _why(up, "slices") + found.reasons,
+    return replace(
+        found, slices=count, half=modal_cell(cell, count // 2), slice_factor=factor,
+        reasons=_why(up, "slices") + found.reasons,
     )

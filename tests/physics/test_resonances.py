@@ -19,6 +19,7 @@ from optics.rational import fit
 from optics.resonances import find_poles
 from optics.strips import Floats
 from optics.table import PressureTable
+from optics.tracks import Resonances
 
 ORDER = 12
 U_MAX, V_MAX = 0.39, 0.12
@@ -116,6 +117,13 @@ def test_a_table_meets_its_tolerance_on_narrow_resonances(height: float):
 def test_a_table_of_a_thick_grating_has_no_resonances_to_take_out():
     found = make_table(shallow(450.0), 0.12, 0.06, 1e-2)
     assert found.resonances is None
+
+
+def test_resonances_add_nothing_at_no_directions():
+    """A grating of short period has no cut-offs, and may have resonances all the same."""
+    height = np.ones((4, 1, 2), complex)
+    one = Resonances(np.array([0.0, 0.2]), np.full((1, 2), 0.1 + 1e-4j), height, np.ones(4))
+    assert one.on(np.empty((0, 3)), np.zeros(3)).shape == (4, 0, 3)
 
 
 def test_nodes_and_mirrored_directions_are_given_back():

@@ -33,6 +33,7 @@ from optics.files import atomic, progress
 from optics.modal import solve
 from optics.outline import Grating, is_upright, upright
 from optics.promise import MISSED
+from optics.steps import modal_cell
 from optics.table import PressureTable
 
 Floats = np.ndarray
@@ -47,7 +48,7 @@ KINDS = (*((kind, shape) for kind in MATERIALS for shape in ("lamellar", "profil
 RANGE = 0.2
 ROWS, LINES = 20, 10  # of random directions
 SECONDS = 3600  # a table may take at most, whatever was foreseen
-SLICES = 64
+SLICES = 128
 MOST = 300  # diffraction orders, unless the table itself took as many
 
 
@@ -150,10 +151,10 @@ def _truth(grating: Grating, u: Floats, v: Floats, order: int) -> tuple[Floats, 
     if is_upright(grating):
         q, half = (np.asarray(solve(upright(grating, 1), u, v, n).q) for n in (best, best // 2))
         return q, np.abs(q - half).max(axis=-1)
-    best = 2 * best // 3
-    parts = [np.asarray(solve(upright(grating, SLICES // k), u, v, best).q) for k in (1, 2, 4)]
+    best = min(best, max(2 * order, order + 10))
+    parts = [np.asarray(solve(modal_cell(grating, SLICES // k), u, v, best).q) for k in (1, 2, 4)]
     fine, coarse = (a + (a - b) / 3 for a, b in pairwise(parts))
-    orders = parts[1] - solve(upright(grating, SLICES // 2), u, v, best // 2).q
+    orders = parts[1] - solve(modal_cell(grating, SLICES // 2), u, v, best // 2).q
     return fine, (np.abs(fine - coarse) + np.abs(orders)).max(axis=-1)
 
 
