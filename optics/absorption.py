@@ -25,7 +25,7 @@ from optics.lamellar import (
     square_root,
     tail,
 )
-from optics.slanted import Steps, generator, step_up, steps
+from optics.slanted import Steps, generator, step_up, steps, unmixed
 from optics.steps import ModalCell, Slanted
 from optics.stretch import Basis, basis
 
@@ -66,17 +66,18 @@ def _of_steps(cell: Slanted, u: float, v: float, order: int) -> Floats:
 
 def _lost_in_step(of: Steps, i: int, u_m: Floats, v: float, top: Complexes) -> Floats:
     """∫ Eᴴ Im(Q) E dz (2,) over a step from the fields (4n, 2) at its top."""
-    n, q_zz = u_m.size, np.linalg.inv(of.z[i])
-    q_xz = q_zz @ of.z_x[i]
-    q_xx = of.p[i] + q_xz @ of.z_x[i]
-    matrix, total = np.empty((4 * n, 4 * n), complex), np.zeros(2)
+    n, total = u_m.size, np.zeros(2)
+    matrix = np.empty((4 * n, 4 * n), complex)
     generator(of, i, u_m, v, matrix)
-    stages = np.linalg.solve(np.eye(8 * n) - np.kron(_GAUSS, matrix), np.concatenate([top, top]))
-    for stage in np.split(stages, 2):
-        turned_x, e_x, h_x, h_y = np.split(stage, 4)
-        e_y, e_z = -turned_x, of.z[i] @ (v * h_x - u_m[:, None] * h_y) - of.z_x[i] @ e_x
-        d_x, d_y, d_z = q_xx @ e_x + q_xz @ e_z, of.epsilon[i] @ e_y, q_xz @ e_x + q_zz @ e_z
-        total += (e_x.conj() * d_x + e_y.conj() * d_y + e_z.conj() * d_z).sum(axis=0).imag / 2
+    stages = np.split(np.linalg.solve(np.eye(8 * n) - np.kron(_GAUSS, matrix), np.concatenate([top, top])), 2)
+    for share, one in unmixed(of, i):
+        z, z_x, q_zz = one.z[0], one.z_x[0], np.linalg.inv(one.z[0])
+        q_xz = q_zz @ z_x
+        q_xx = one.p[0] + q_xz @ z_x
+        for turned_x, e_x, h_x, h_y in (np.split(stage, 4) for stage in stages):
+            e_y, e_z = -turned_x, z @ (v * h_x - u_m[:, None] * h_y) - z_x @ e_x
+            d_x, d_y, d_z = q_xx @ e_x + q_xz @ e_z, one.epsilon[0] @ e_y, q_xz @ e_x + q_zz @ e_z
+            total += share * (e_x.conj() * d_x + e_y.conj() * d_y + e_z.conj() * d_z).sum(axis=0).imag / 2
     return np.asarray(of.thickness[i] * total)
 
 

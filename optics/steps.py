@@ -1,4 +1,4 @@
-"""A profile in steps through its depth, each seen at its middle: how the modal method takes walls that are slanted."""
+"""A profile in steps through its depth: how the modal method takes walls that are slanted."""
 
 from __future__ import annotations
 
@@ -14,13 +14,12 @@ from optics.outline import SLICES, Floats, Grating, Piece, corners, is_slanted, 
 
 
 class Walls(NamedTuple):
-    """Upright cut through a profile: thickness in nm of the step around it, and what is met along g.
+    """What is met along g at one depth of a profile.
 
     x (k,): walls in periods, ascending; epsilon (k,): permittivity to the right of each, or the only one (1,);
     cos_2, sin_2 (k,): of twice the angle of the wall's normal from g.
     """
 
-    thickness_nm: float
     x: Floats
     epsilon: tuple[complex, ...]
     cos_2: Floats
@@ -86,18 +85,22 @@ class Slanted:
         """Homogeneous layers behind the steps."""
         return self._patterned()[1]
 
-    def walls(self) -> list[Walls]:
-        """What is met at the middle of every step, from the front."""
+    def pairs(self) -> list[tuple[float, Walls, Walls]]:
+        """Pairs of steps from the front, `count` steps in all: thickness in nm, and the walls at Gauss's two depths."""
         pieces, out = pieces_of(self.profile), []
         levels, _ = self._patterned()
         for a, b in pairwise(levels):
-            cuts = np.linspace(a, b, 1 + int(np.ceil(self.count * (b - a) / self.profile.depth_nm)))
-            out += [_walls(self.profile, pieces, top, bottom) for top, bottom in pairwise(cuts.tolist())]
+            cuts = np.linspace(a, b, 1 + int(np.ceil(self.count * (b - a) / (2 * self.profile.depth_nm))))
+            for top, bottom in pairwise(cuts.tolist()):
+                middle, apart = (top + bottom) / 2, (bottom - top) / np.sqrt(12.0)
+                above, below = (walls_at(self.profile, pieces, middle + side * apart) for side in (-1, 1))
+                out.append((bottom - top, above, below))
         return out
 
 
-def _walls(cell: Profile, pieces: Sequence[Piece], top: float, bottom: float) -> Walls:
-    layer, n = layer_at(cell, pieces, top, bottom), (top + bottom) / 2
+def walls_at(cell: Profile, pieces: Sequence[Piece], n: float) -> Walls:
+    """The walls at depth n in nm."""
+    layer = layer_at(cell, pieces, n, n)
     gap, period = layer.index.permittivity, cell.period_nm
     ends = np.unique([0.0, *(x for ridge in layer.ridges for x in (ridge.start_nm, ridge.start_nm + ridge.width_nm))])
     ends = ends[ends < period * (1 - 1e-12)]
@@ -108,11 +111,9 @@ def _walls(cell: Profile, pieces: Sequence[Piece], top: float, bottom: float) ->
     ]
     jumps = [k for k in range(ends.size) if epsilon[k] != epsilon[k - 1]]
     if not jumps:
-        return Walls(bottom - top, np.empty(0), (epsilon[0],), np.empty(0), np.empty(0))
+        return Walls(np.empty(0), (epsilon[0],), np.empty(0), np.empty(0))
     angles = np.array([_twice_angle(pieces, ends[k], n, period) for k in jumps])
-    return Walls(
-        bottom - top, ends[jumps] / period, tuple(epsilon[k] for k in jumps), np.cos(angles), np.sin(angles)
-    )
+    return Walls(ends[jumps] / period, tuple(epsilon[k] for k in jumps), np.cos(angles), np.sin(angles))
 
 
 def _twice_angle(pieces: Sequence[Piece], g: float, n: float, period: float) -> float:

@@ -9,9 +9,9 @@ taken from the larger of the last two changes of each direction and enlarged by 
 errs by its distance from the last one more. A table's own directions are solved with two coarser rungs; their
 differences give the error by a factor that is calibrated on the few directions, where the error is known.
 
-Where walls are not upright a cell is taken in slices or steps (`optics.slanted`), each as the outline is at its middle:
-the error is of second order in their thickness. What is found with all and with half of them is extrapolated,
-q + (q − q_half)/3, and the ladders are climbed with extrapolated values.
+Walls that are slanted are taken in steps (`optics.slanted`), whose error is of fourth order. Rounded corners are cut
+into slices, each as the outline is at its middle: second order, so that what is found with all and with half of them is
+extrapolated, q + (q − q_half)/3. The more orders, the more steps they need: orders are counted with twice as many.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from optics.lamellar import Response, solve
 from optics.limit import refuse_without_limit
 from optics.outline import Grating, is_upright, polygons
 from optics.scattering import NEGLIGIBLE
-from optics.steps import ModalCell, modal_cell, source
+from optics.steps import ModalCell, Slanted, modal_cell, source
 
 LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 90, 110, 135, 165, 200, 245, 300, 365, 440)
 # Beyond this a ladder only goes where orders that run need it.
@@ -38,13 +38,15 @@ _BELOW = (5, 6)  # coarser than the ladder, to compare with
 SLICES = (8, 16, 32, 64, 128, 256)
 # Shares of the tolerance for the error of orders and of slices; the share of directions that has to keep it.
 _SHARE, _QUANTILE = 0.25, 0.99
-# What may be stated of it, which is more: the rest is for interpolation.
-_STATED = 0.4
+# What may be stated of it, which is more, of orders and of both: the rest is for interpolation.
+_STATED, _STATED_BOTH = 0.4, 0.5
 # Steep falls before the slow rate of edges sets in are not carried on.
 _RATES = (0.3, 3.0)
 _FITTED = 4  # changes
 # The calibrated factor covers this share of the directions that it is calibrated on, with room for others.
 _COVERED, _SAFETY = 0.97, 1.5
+# An error that falls to a quarter or less with twice the steps is at most this times its change.
+_LEFT_OF_STEPS = 1.33
 _LEAST = 1e-12
 
 
@@ -151,8 +153,10 @@ def gauge(up: Climb, at: Callable[[int], Response], below: Sequence[int]) -> Gau
     return Gauge(coarser, weights, factor)
 
 
-def extrapolated(fine: Response, half: Response) -> Response:
-    """What infinitely many slices give, from some and half of them, to second order."""
+def extrapolated(cell: ModalCell, fine: Response, half: Response) -> Response:
+    """What infinitely many slices give, from some and half of them, to second order; steps are right to that."""
+    if isinstance(cell, Slanted):
+        return fine
     parts = ((getattr(fine, field.name), getattr(half, field.name)) for field in fields(Response))
     return Response(*(a + (a - b) / 3 for a, b in parts))
 
@@ -180,9 +184,9 @@ class Chosen:
     def solve(self, u: Floats, v: Floats, negligible: float = NEGLIGIBLE, order: int | None = None) -> Response:
         """Response over u × v with the orders chosen, or others; extrapolated where there are slices."""
         fine = solve(self.cell, u, v, order or self.order, negligible)
-        if self.half is None:
+        if self.half is None or isinstance(self.cell, Slanted):
             return fine
-        return extrapolated(fine, solve(self.half, u, v, order or self.order, negligible))
+        return extrapolated(self.cell, fine, solve(self.half, u, v, order or self.order, negligible))
 
     def scout(self, u: Floats, v: Floats, order: int, negligible: float = NEGLIGIBLE) -> Response:
         """Response as half of the slices give it: resonances are there, if not quite where they belong."""
@@ -192,12 +196,12 @@ class Chosen:
         self, u: Floats, v: Floats, fine: Forces | Response, negligible: float = NEGLIGIBLE
     ) -> tuple[Floats, Floats]:
         """Error (n_u, n_v) of what was found from orders and slices, in the cell's own polarisation and in any."""
-        cell = self.half or self.cell
-        base = solve(cell, u, v, self.order, negligible) if self.half else fine
-        own, every = self.gauge.read(base, [solve(cell, u, v, n, negligible) for n in self.gauge.coarser])
+        as_it_is = self.half is None or isinstance(self.cell, Slanted)
+        base = fine if as_it_is else solve(self.cell, u, v, self.order, negligible)
+        own, every = self.gauge.read(base, [solve(self.cell, u, v, n, negligible) for n in self.gauge.coarser])
         if self.half is None:
             return own, every
-        more = change(fine, base)
+        more = change(fine, solve(self.half, u, v, self.order, negligible))
         return own + self.slice_factor * more[0], every + self.slice_factor * more[1]
 
 
@@ -277,27 +281,28 @@ def _why(up: Climb, what: str, sign: str = "") -> tuple[str, ...]:
 def _with_slices(
     cell: Grating, plain: Callable[[int, int], Response], ladder: Sequence[int], tolerance: float
 ) -> Chosen:
-    """Slices at few orders, and orders at so many slices, extrapolated: with more orders fewer slices would not do.
+    """Slices or steps at few orders; orders with twice as many; and what is left of the former's error with these.
 
     plain: what so many slices and orders give.
     """
 
-    def both(count: int, order: int) -> Response:
-        return extrapolated(plain(count, order), plain(count // 2, order))
+    def best(count: int, order: int) -> Response:
+        return extrapolated(modal_cell(cell, count), plain(count, order), plain(count // 2, order))
 
     what = f"modal {cell.name}: slices"
-    up = climb(lambda count: both(count, ladder[1]), SLICES, _SHARE * tolerance, what)
-    for one in up.onwards():
-        count = one.rung
+    up = climb(lambda count: best(count, ladder[1]), SLICES, _SHARE * tolerance, what)
+    for count in [n for n in SLICES if n >= up.rung]:
         found = _orders(
-            modal_cell(cell, count), partial(both, count), partial(plain, count // 2), ladder, tolerance
+            modal_cell(cell, count), partial(best, 2 * count), partial(plain, count), ladder, tolerance
         )
-        own, seen = change(one.found[one.chosen], plain(count // 2, ladder[1]))
-        factor = _SAFETY * float(np.quantile(one.error / np.maximum(seen, _LEAST), _COVERED))
+        fine = best(count, found.order)
+        left = _LEFT_OF_STEPS * change(best(2 * count, found.order), fine)[1]
+        own, seen = change(fine, plain(count // 2, found.order))
+        factor = _SAFETY * float(np.quantile(left / np.maximum(seen, _LEAST), _COVERED))
         of_orders, _ = found.gauge.read(
-            plain(count // 2, found.order), [plain(count // 2, n) for n in found.gauge.coarser]
+            plain(count, found.order), [plain(count, n) for n in found.gauge.coarser]
         )
-        if np.quantile(of_orders + factor * own, _QUANTILE) <= _STATED * tolerance:
+        if np.quantile(of_orders + factor * own, _QUANTILE) <= _STATED_BOTH * tolerance:
             break
     return replace(
         found, slices=count, half=modal_cell(cell, count // 2), slice_factor=factor,

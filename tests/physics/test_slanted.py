@@ -38,7 +38,7 @@ def test_what_absorbs_takes_up_what_is_lost():
     """Fields' own loss, of an absorber and of silver, at any number of steps and orders."""
     for index in ({"k": 0.1}, {"n": 0.22, "k": 7.1}):
         cell = profile(BLAZE, **index)
-        assert solve(Slanted(cell, 12), U, V, 7).absorptance.min() > 1e-3
+        assert solve(Slanted(cell, 12), U, V, 7).absorptance.max() > 0.1
         assert imbalance(Slanted(cell, 12), U, np.array([0.0, 0.1, 0.2]), 7) < 1e-11
 
 

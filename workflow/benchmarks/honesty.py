@@ -20,7 +20,6 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +47,7 @@ KINDS = (*((kind, shape) for kind in MATERIALS for shape in ("lamellar", "profil
 RANGE = 0.2
 ROWS, LINES = 20, 10  # of random directions
 SECONDS = 3600  # a table may take at most, whatever was foreseen
-SLICES = 128
+STEPS = 128
 MOST = 300  # diffraction orders, unless the table itself took as many
 
 
@@ -144,18 +143,19 @@ def _made(path: Path, cell: dict[str, Any], tolerance: float, most_minutes: floa
 def _truth(grating: Grating, u: Floats, v: Floats, order: int) -> tuple[Floats, Floats]:
     """q (n_u, n_v, 3) from far more orders, and how far that may be off (n_u, n_v): its change from half of them.
 
-    Walls that are not upright: extrapolated from `SLICES` and half as many, off by its change from half of both.
+    Walls that are not upright: from `STEPS` steps, off by their change from half of these as well.
     """
     least = int((max(grating.surroundings.front, grating.surroundings.back) + RANGE) / grating.pitch)
     best = min(max(3 * order, least + 60), max(MOST, 3 * order // 2))
     if is_upright(grating):
         q, half = (np.asarray(solve(upright(grating, 1), u, v, n).q) for n in (best, best // 2))
         return q, np.abs(q - half).max(axis=-1)
-    best = min(best, max(2 * order, order + 10))
-    parts = [np.asarray(solve(modal_cell(grating, SLICES // k), u, v, best).q) for k in (1, 2, 4)]
-    fine, coarse = (a + (a - b) / 3 for a, b in pairwise(parts))
-    orders = parts[1] - solve(modal_cell(grating, SLICES // 2), u, v, best // 2).q
-    return fine, (np.abs(fine - coarse) + np.abs(orders)).max(axis=-1)
+    best = min(best, max(2 * order, order + 8))
+    q, half, fewer = (
+        np.asarray(solve(modal_cell(grating, count), u, v, n).q)
+        for count, n in ((STEPS, best), (STEPS // 2, best), (STEPS // 2, best // 2))
+    )
+    return q, (np.abs(q - half) + np.abs(half - fewer)).max(axis=-1)
 
 
 def _film_truth(film: ThinFilm, s: Floats) -> tuple[Floats, Floats]:
