@@ -77,12 +77,13 @@ def normal_response(
 ) -> NormalResponse:
     """Response of a cell; errors: the largest change of a value, or a slope, from 0.7 and 0.85 of the orders.
 
-    half: a staircase's cell with half the slices; values are then extrapolated, by what the errors grow.
+    half: the cell with half the slices or steps; values are then extrapolated, by what the errors grow.
     """
     q, gradient = slopes(cell, order)
     if half is not None:
-        # of second order in the thickness of a slice, as in `optics.truncation`
-        steps = [(a - b) / 3 for a, b in zip((q, gradient), slopes(half, order), strict=True)]
+        # of second order in the thickness of a slice, of fourth in that of a step, as in `optics.truncation`
+        share = 1 / 15 if isinstance(cell, Slanted) else 1 / 3
+        steps = [share * (a - b) for a, b in zip((q, gradient), slopes(half, order), strict=True)]
         rest = normal_response(cell, order)
         return NormalResponse(
             q + steps[0], gradient + steps[1], rest.q_error + np.abs(steps[0]), rest.gradient_error + np.abs(steps[1])

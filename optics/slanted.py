@@ -131,14 +131,14 @@ def step_up(matrix: Complexes, rho: Complexes) -> tuple[NDArray[Any], NDArray[An
     """
     m = rho.shape[0]
     even = matrix @ matrix
-    below = np.empty((2 * m, m), np.complex128)
-    below[:m], below[m:] = 0.5 * rho, -0.5 * rho
-    for j in range(m):
-        below[j, j] += 0.5
-        below[m + j, j] += 0.5
     for j in range(2 * m):
         even[j, j] += 12.0
-    above = 2.0 * np.linalg.solve(even + 6.0 * matrix, even @ below) - below
+    above = np.linalg.solve(even + 6.0 * matrix, even[:, :m] + even[:, m:] + (even[:, :m] - even[:, m:]) @ rho)
+    above[:m] -= 0.5 * rho
+    above[m:] += 0.5 * rho
+    for j in range(m):
+        above[j, j] -= 0.5
+        above[m + j, j] -= 0.5
     plus, minus = above[:m] + above[m:], above[:m] - above[m:]
     through = np.linalg.inv(plus)
     return minus @ through, through

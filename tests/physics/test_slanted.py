@@ -95,6 +95,5 @@ def test_the_order_of_limits_does_not_matter():
 def test_the_response_at_normal_incidence_has_slopes():
     cell = Slanted(profile(BLAZE), 32)
     found = normal_response(cell, 12, Slanted(profile(BLAZE), 16))
-    apart = 0.01 * np.array([-1.0, 1.0])
-    fine, half = (solve(of, apart, np.zeros(1), 12).q[:, 0] for of in (cell, Slanted(profile(BLAZE), 16)))
-    assert found.gradient[0, 0] == pytest.approx(np.diff((4 * fine - half) / 3, axis=0)[0, 0] / 0.02, rel=0.05)
+    fine = solve(cell, 0.01 * np.array([-1.0, 1.0]), np.zeros(1), 12).q[:, 0]
+    assert found.gradient[0, 0] == pytest.approx(np.diff(fine, axis=0)[0, 0] / 0.02, rel=0.02)
