@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drawing import COLOURS, Floats, np, parser, plt, save
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from optics.files import InputError, run_stage
 from optics.hdf5 import read_hdf5
@@ -51,6 +51,9 @@ def draw(designs: dict[str, tuple[Floats, dict[str, Floats]]]) -> Figure:
     honesty.loglog(ends, ends, color="0.5", lw=0.8, label="estimate = deviation")
     cost.set(xlabel="CPU time of the direction (s)", ylabel="|FDTD − modal|, larger of q_g and q_n")
     honesty.set(xlabel="error estimated by FDTD itself")
+    # the errors may lie within one decade
+    honesty.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    honesty.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     honesty.xaxis.set_minor_formatter(NullFormatter())
     cost.legend()
     honesty.legend()
