@@ -218,9 +218,18 @@ def progress(items: Iterable[Any], what: str, total: int | None = None, unit: st
     )
 
 
+def _refuse_other_code(script: Path) -> None:
+    """InputError where a script of one checkout would compute with the modules of another, that Python was installed with."""
+    own = next((folder.parent for folder in script.parents if folder.name == "workflow"), None)
+    ours = Path(__file__).resolve().parents[1]
+    if own not in (None, ours) and (own / "optics").is_dir():
+        raise InputError(f"{script}: would compute with the modules of {ours}; set PYTHONPATH={own}")
+
+
 def run_stage(main: Callable[[], None]) -> None:
     """Run a stage's `main`; an InputError or a failing disk becomes one line on standard error and exit code 2."""
     try:
+        _refuse_other_code(Path(getattr(sys.modules["__main__"], "__file__", None) or "").resolve())
         main()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)

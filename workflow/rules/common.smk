@@ -13,8 +13,11 @@ from optics.files import InputError
 from workflow.configuration import SOURCE, link_program, read_config, read_plan
 from workflow.sources import digest, sources
 
-# Jobs run the Python that runs Snakemake, each on one core; a job imports the modules of the folder it runs in.
+# Jobs run the Python that runs Snakemake, each on one core, and import the modules beside this workflow, as it does itself:
+# a script's path begins with its own folder, not with that of the project.
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [workflow.basedir, os.environ.get("PYTHONPATH")]))
+os.environ.pop("PYTHONSAFEPATH", None)
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[variable] = "1"
 

@@ -1,0 +1,43 @@
+"""Jobs and scripts compute with the code of the folder they stand in, whatever copy Python was installed with."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.workflow.test_dag import _copy
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def second(tmp_path_factory) -> Path:
+    """A second checkout, whose modules tell where they are."""
+    folder = _copy(tmp_path_factory.mktemp("second"))
+    with open(folder / "optics/files.py", "a", encoding="utf-8") as file:
+        file.write("\nprint('FILES OF', Path(__file__).resolve().parents[1])\n")
+    return folder
+
+
+def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}  # as an environment that was installed from another folder
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_rules_of_scripts_and_of_modules_run_the_code_of_their_folder(second):
+    targets = {"results/published/fig6/fig6.yaml": "published/fig6/scene", "results/merit.csv": "merit"}
+    done = _run([sys.executable, "-m", "snakemake", "--cores", "1", "--config", "fdtd=false", "--", *targets], second)
+    assert done.returncode == 0, done.stderr
+    for log in targets.values():
+        said = (second / f"results/logs/{log}.log").read_text(encoding="utf-8")
+        assert [line for line in said.splitlines() if line.startswith("FILES OF")] == [f"FILES OF {second.resolve()}"]
+
+
+def test_a_script_that_would_compute_with_other_code_is_refused(second):
+    done = _run([sys.executable, "workflow/checks.py", "--out", "checks.json"], second)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.endswith(f"would compute with the modules of {ROOT}; set PYTHONPATH={second.resolve()}")
+    assert not (second / "checks.json").exists()
