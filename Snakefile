@@ -34,3 +34,14 @@ rule all:
         plan.all_families,
         [f"results/figures/{name}.{kind}" for name in plan.figures for kind in ("png", "svg")],
         "results/summary.csv",
+
+
+keys.attach()  # to all rules above
+
+
+onsuccess:
+    keys.learn()
+
+
+onerror:
+    keys.learn()

@@ -219,7 +219,7 @@ def progress(items: Iterable[Any], what: str, total: int | None = None, unit: st
 
 
 def _refuse_other_code(script: Path) -> None:
-    """InputError where a script of one checkout would compute with the modules of another, that Python was installed with."""
+    """InputError where a script of one checkout would compute with the modules of another, the one installed."""
     own = next((folder.parent for folder in script.parents if folder.name == "workflow"), None)
     ours = Path(__file__).resolve().parents[1]
     if own not in (None, ours) and (own / "optics").is_dir():

@@ -80,15 +80,17 @@ def done(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def edit(done):
-    """A function that appends a comment to a file of `done`, until the test ends."""
+    """A function that changes what a file of `done` means, or appends `text` to it, until the test ends."""
     before = {}
 
-    def append(name: str) -> None:
+    def change(name: str, text: str | None = None) -> None:
         path = done / name
         before[path] = path.read_bytes()
-        path.write_bytes(before[path] + b"\n# edited\n")
+        added = text or ("EDITED = 1\n" if path.suffix == ".py" else "")
+        meant = before[path].replace(b"membrane_nm: 200", b"membrane_nm: 201") if text is None else before[path]
+        path.write_bytes(meant + f"\n{added}".encode())
 
-    yield append
+    yield change
     for path, content in before.items():
         path.write_bytes(content)
 

@@ -10,7 +10,6 @@ rule accuracy_optics:
 
 rule accuracy_rows:
     input:
-        sources=lambda wildcards: sources(f"workflow/benchmarks/accuracy_{wildcards.part}.py"),
         cells=[f"workflow/designs/{name}.yaml" for name in ("mark1e_te", "mark1e_tm")],
     output:
         "results/accuracy/{part}.csv",
@@ -33,7 +32,6 @@ rule accuracy_rows:
 rule accuracy_figure:
     input:
         rows=[f"results/accuracy/{part}.csv" for part in ACCURACY],
-        sources=[*sources("workflow/figures/accuracy.py"), "workflow/benchmarks/rows.py"],
     output:
         csv="results/accuracy/optics.csv",
         markdown="results/accuracy/optics.md",

@@ -8,7 +8,6 @@ rule accuracy_flight:
     input:
         scene="workflow/scenes/fig6.yaml",
         tables=lambda wildcards: [path for paths in sets(wildcards).values() for path in paths],  # of accuracy_rigid.smk
-        sources=sources("workflow/benchmarks/accuracy_flight.py"),
     output:
         csv="results/accuracy/flight.csv",
         markdown="results/accuracy/flight.md",
@@ -34,7 +33,6 @@ rule accuracy_reflections:
     input:
         scene="workflow/scenes/fig4_reflections.yaml",
         tables="results/tables/si43/thin_film.h5",
-        sources=sources("workflow/benchmarks/accuracy_reflections.py"),
     output:
         csv="results/accuracy/reflections.csv",
         markdown="results/accuracy/reflections.md",

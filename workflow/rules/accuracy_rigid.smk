@@ -19,7 +19,6 @@ def sets(wildcards):
 rule accuracy_table:
     input:
         cell="workflow/designs/{design}.yaml",
-        sources=sources("optics.modal"),
     output:
         "results/accuracy/{design}_{level}.h5",
     log:
@@ -45,7 +44,6 @@ rule accuracy_rigid:
     input:
         scene="workflow/scenes/fig6.yaml",
         tables=lambda wildcards: [path for paths in sets(wildcards).values() for path in paths],
-        sources=sources("workflow/benchmarks/accuracy_rigid.py"),
     output:
         csv="results/accuracy/rigid.csv",
         markdown="results/accuracy/rigid.md",

@@ -9,7 +9,6 @@ rule basin_part:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
-        sources=sources("dynamics.basin"),
     output:
         "results/scenes/{scene}/basin/{incidence}/part{part}.h5",
     log:
@@ -36,7 +35,6 @@ rule basin:
         parts=[
             f"results/scenes/{{scene}}/basin/{{incidence}}/part{i}.h5" for i in range(1, plan.config.basin_parts + 1)
         ],
-        sources=sources("dynamics.basin"),
     output:
         "results/scenes/{scene}/basin/{incidence}.h5",
     log:
@@ -57,7 +55,6 @@ rule basin:
 rule basin_figure:
     input:
         maps=[f"results/scenes/{{scene}}/basin/{incidence}.h5" for incidence in ("sail_frame", "yaw_blind")],
-        sources=sources("workflow/figures/basin.py"),
     output:
         png=report(
             "results/figures/basin_{scene}.png",

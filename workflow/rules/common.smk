@@ -1,5 +1,6 @@
-"""What all rules share: the checked configuration, the stages' source files, one thread a job."""
+"""What all rules share: the checked configuration, the keys of what they make, one thread a job."""
 
+import atexit
 import os
 import sys
 from pathlib import Path
@@ -11,7 +12,8 @@ sys.path.insert(0, workflow.basedir)
 
 from optics.files import InputError
 from workflow.configuration import SOURCE, link_program, read_config, read_plan
-from workflow.sources import digest, sources
+from workflow.keys import WHOLE_GRAPH, Keys
+from workflow.ledger import Ledger
 
 # Jobs run the Python that runs Snakemake, each on one core, and import the modules beside this workflow, as it does itself:
 # a script's path begins with its own folder, not with that of the project.
@@ -38,6 +40,11 @@ settings = workflow.config_settings
 own = [] if settings.replace_workflow_config else [SOURCE]
 config = checked(read_config, [*own, *settings.configfiles], settings.config)
 plan = checked(read_plan, config)
+
+ledger = Ledger(Path(".snakemake/beamrider.json"))
+if workflow.is_main_process:
+    atexit.register(ledger.save)
+keys = Keys(workflow, ledger, any(word.startswith(WHOLE_GRAPH) for word in sys.argv), checked)
 
 if not plan.fdtd:
     why = "fdtd: false" if plan.config.fdtd is False else "Meep is not installed (apt-get install python3-meep)"

@@ -5,7 +5,6 @@ rule pressure_figure:
     input:
         modal="results/tables/{design}/modal.h5",
         fdtd=lambda wildcards: [plan.table(d, "fdtd") for d in plan.fdtd_designs if d == wildcards.design],
-        sources=sources("workflow/figures/pressure.py"),
     output:
         png=report(
             "results/figures/pressure_{design}.png",
@@ -35,7 +34,6 @@ rule fdtd_figure:
     input:
         modal=[plan.table(design, "modal") for design in plan.fdtd_designs],
         parts=[part for design in plan.fdtd_designs for part in plan.parts(design)],
-        sources=sources("workflow/figures/fdtd.py"),
     output:
         png=report(
             "results/figures/fdtd.png",
@@ -62,7 +60,6 @@ rule fdtd_figure:
 rule multipliers_figure:
     input:
         plan.all_floquet,
-        sources=sources("workflow/figures/multipliers.py"),
     output:
         png=report(
             "results/figures/multipliers.png",
@@ -92,7 +89,6 @@ rule multipliers_figure:
 rule flights_figure:
     input:
         plan.all_flights,
-        sources=sources("workflow/figures/flights.py"),
     output:
         png=report(
             "results/figures/flights.png",
@@ -122,7 +118,6 @@ rule flights_figure:
 rule snapshots_figure:
     input:
         flight="results/scenes/{scene}/flight.vtkhdf",
-        sources=sources("workflow/figures/snapshots.py"),
     output:
         png=report(
             "results/figures/snapshots_{scene}.png",
@@ -152,7 +147,6 @@ rule summary:
         floquet=plan.all_floquet,
         flights=plan.all_flights,
         benchmarks=plan.benchmarks,
-        sources=sources("workflow/figures/summary.py"),
     output:
         csv=report("results/summary.csv", caption="../report/summary.rst", category="Summary", labels={"table": "CSV"}),
         html=report("results/summary.html", caption="../report/summary.rst", category="Summary", labels={"table": "key numbers"}),

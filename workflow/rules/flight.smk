@@ -5,7 +5,6 @@ rule rigid:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
-        sources=sources("dynamics.rigid"),
     output:
         "results/scenes/{scene}/rigid.h5",
     log:
@@ -27,7 +26,6 @@ rule flight:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
-        sources=sources("dynamics.membrane"),
     output:
         "results/scenes/{scene}/flight.vtkhdf",
     log:

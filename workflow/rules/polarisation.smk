@@ -5,7 +5,6 @@ rule polarisation:
     input:
         scene="workflow/scenes/fig6.yaml",
         tables=lambda wildcards: checked(plan.tables, "fig6", "modal"),
-        sources=sources("workflow/figures/polarisation.py"),
     output:
         csv="results/polarisation.csv",
         png=report(

@@ -40,7 +40,6 @@ rule published_flights:
 rule published_reference:
     input:
         REFERENCE,
-        sources=lambda wildcards: sources("tests.published.reference"),  # looked for where it is asked for alone
     output:
         "results/tables/published/mark1e_te.h5",
         "results/tables/published/mark1e_tm.h5",
@@ -60,7 +59,6 @@ rule published_reference:
 rule published_scene:
     input:
         scene="workflow/scenes/{scene}.yaml",
-        sources=sources("workflow/published.py"),
     output:
         "results/published/{scene}/{scene}.yaml",
     log:
@@ -81,7 +79,6 @@ rule published_flight:
     input:
         scene="results/published/{scene}/{scene}.yaml",
         tables=published_tables,
-        sources=sources("dynamics.membrane"),
     output:
         "results/published/{scene}/{source}.vtkhdf",
     wildcard_constraints:
@@ -107,7 +104,6 @@ rule published_figure:
         ],
         rigid=published_rigid,
         published=str(PUBLISHED),
-        sources=[*sources("workflow/figures/published_flight.py"), "workflow/published.py"],
     output:
         png="results/figures/published_{scene}.png",
         svg="results/figures/published_{scene}.svg",
@@ -131,7 +127,6 @@ rule published_table:
     input:
         flights=[f"results/published/{scene}/{source}.vtkhdf" for scene, source in ALL_PUBLISHED],
         published=str(PUBLISHED),
-        sources=[*sources("workflow/figures/published_table.py"), "workflow/published.py"],
     output:
         csv="results/published/flights.csv",
         html="results/published/flights.html",

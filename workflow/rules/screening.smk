@@ -51,7 +51,6 @@ rule family:
         family="workflow/designs/{family}.yaml",
         scene=base_scene,
         designs=base_designs,
-        sources=sources("workflow/family.py"),
     output:
         cells="results/screening/{family}/cells.jsonl",
         members="results/screening/{family}/members.parquet",
@@ -71,7 +70,6 @@ rule family:
 rule cells:
     input:
         cells="results/screening/{family}/cells.jsonl",
-        sources=sources("optics.local"),
     output:
         "results/screening/{family}/cells/{part}.parquet",
     log:
@@ -97,7 +95,6 @@ rule screened:
         scene=base_scene,
         members="results/screening/{family}/members.parquet",
         cells=[f"results/screening/{{family}}/cells/{k + 1}.parquet" for k in range(plan.config.screening_parts)],
-        sources=sources("dynamics.screening"),
     output:
         "results/screening/{family}/screened.parquet",
     log:
@@ -125,7 +122,6 @@ checkpoint candidates:
         scene=base_scene,
         screened="results/screening/{family}/screened.parquet",
         cells="results/screening/{family}/cells.jsonl",
-        sources=sources("workflow/candidates.py"),
     output:
         directory("results/screening/{family}/candidates"),
     log:
@@ -156,7 +152,6 @@ def candidate(name):
 use rule modal_table as candidate_modal_table with:
     input:
         cell=candidate("{cell}.yaml"),
-        sources=sources("optics.modal"),
     output:
         f"{CONFIRMED}/{{cell}}/modal.h5",
     log:
@@ -170,7 +165,6 @@ use rule modal_table as candidate_modal_table with:
 rule candidate_fdtd_nodes:
     input:
         cell=candidate("{cell}.yaml"),
-        sources=sources("optics.nodes"),
     output:
         f"{CONFIRMED}/{{cell}}/fdtd/nodes.json",
     log:
@@ -191,7 +185,6 @@ use rule fdtd_part as candidate_fdtd_part with:
     input:
         cell=candidate("{cell}.yaml"),
         nodes=f"{CONFIRMED}/{{cell}}/fdtd/nodes.json",
-        sources=sources("optics.fdtd"),
     output:
         f"{CONFIRMED}/{{cell}}/fdtd/part{{part}}.h5",
     log:
@@ -207,7 +200,6 @@ use rule fdtd_table as candidate_fdtd_table with:
         parts=[f"{CONFIRMED}/{{cell}}/fdtd/part{k + 1}.h5" for k in range(plan.config.fdtd_parts)],
         cell=candidate("{cell}.yaml"),
         nodes=f"{CONFIRMED}/{{cell}}/fdtd/nodes.json",
-        sources=sources("optics.fdtd"),
     output:
         f"{CONFIRMED}/{{cell}}/fdtd.h5",
     log:
@@ -222,7 +214,6 @@ use rule floquet as candidate_floquet with:
     input:
         scene=candidate("sail.yaml"),
         tables=[f"{CONFIRMED}/{cell}/modal.h5" for cell in ("te", "tm")],
-        sources=sources("dynamics.floquet"),
     output:
         f"{CONFIRMED}/floquet.json",
     log:
@@ -237,7 +228,6 @@ use rule floquet as candidate_floquet_fdtd with:
     input:
         scene=candidate("sail.yaml"),
         tables=[f"{CONFIRMED}/{cell}/fdtd.h5" for cell in ("te", "tm")],
-        sources=sources("dynamics.floquet"),
     output:
         f"{CONFIRMED}/floquet_fdtd.json",
     log:
@@ -252,7 +242,6 @@ use rule rigid as candidate_rigid with:
     input:
         scene=candidate("sail.yaml"),
         tables=[f"{CONFIRMED}/{cell}/modal.h5" for cell in ("te", "tm")],
-        sources=sources("dynamics.rigid"),
     output:
         f"{CONFIRMED}/rigid.h5",
     log:
@@ -267,7 +256,6 @@ use rule basin_part as candidate_basin_part with:
     input:
         scene=candidate("sail.yaml"),
         tables=[f"{CONFIRMED}/{cell}/modal.h5" for cell in ("te", "tm")],
-        sources=sources("dynamics.basin"),
     output:
         f"{CONFIRMED}/basin/{{incidence}}/part{{part}}.h5",
     log:
@@ -283,7 +271,6 @@ use rule basin as candidate_basin with:
         scene=candidate("sail.yaml"),
         tables=[f"{CONFIRMED}/{cell}/modal.h5" for cell in ("te", "tm")],
         parts=[f"{CONFIRMED}/basin/{{incidence}}/part{i}.h5" for i in range(1, plan.config.basin_parts + 1)],
-        sources=sources("dynamics.basin"),
     output:
         f"{CONFIRMED}/basin/{{incidence}}.h5",
     log:
@@ -298,7 +285,6 @@ use rule flight as candidate_flight with:
     input:
         scene=candidate("sail.yaml"),
         tables=[f"{CONFIRMED}/{cell}/modal.h5" for cell in ("te", "tm")],
-        sources=sources("dynamics.membrane"),
     output:
         f"{CONFIRMED}/flight.vtkhdf",
     log:
@@ -319,7 +305,6 @@ rule confirmed:
         rigid=confirmed("rigid.h5"),
         basin=confirmed("basin/sail_frame.h5"),
         flight=confirmed("flight.vtkhdf"),
-        sources=sources("workflow/confirmed.py"),
     output:
         csv="results/screening/{family}/confirmed.csv",
         markdown="results/screening/{family}/confirmed.md",
@@ -343,7 +328,6 @@ rule confirmed_figure:
     input:
         base=lambda wildcards: f"results/scenes/{family(wildcards.family).scene}/basin/sail_frame.h5",
         best=confirmed("basin/sail_frame.h5"),
-        sources=sources("workflow/figures/basin.py"),
     output:
         png=report(
             "results/figures/confirmed_{family}.png",
@@ -371,7 +355,6 @@ rule confirmed_figure:
 rule family_figure:
     input:
         screened="results/screening/{family}/screened.parquet",
-        sources=sources("workflow/figures/families.py"),
     output:
         png=report(
             "results/figures/family_{family}.png",

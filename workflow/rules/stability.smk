@@ -4,7 +4,6 @@
 rule scene_plan:
     input:
         scene="workflow/scenes/{scene}.yaml",
-        sources=sources("dynamics.scene"),
     output:
         "results/scenes/{scene}/plan.json",
     log:
@@ -25,7 +24,6 @@ rule floquet:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
-        sources=sources("dynamics.floquet"),
     output:
         "results/scenes/{scene}/floquet.json",
     log:
@@ -46,7 +44,6 @@ use rule floquet as floquet_fdtd with:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=lambda wildcards: checked(plan.tables, wildcards.scene, "fdtd"),
-        sources=sources("dynamics.floquet"),
     output:
         "results/scenes/{scene}/floquet_fdtd.json",
     log:
@@ -64,7 +61,6 @@ rule checks:
         fdtd=[plan.table(design, "fdtd") for design in plan.fdtd_designs],
         floquet=[f"results/scenes/{scene}/floquet.json" for scene in plan.fdtd_scenes],
         floquet_fdtd=[f"results/scenes/{scene}/floquet_fdtd.json" for scene in plan.fdtd_scenes],
-        sources=sources("workflow/checks.py"),
     output:
         "results/checks.json",
     log:
@@ -86,7 +82,6 @@ rule maps:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
-        sources=sources("dynamics.maps"),
     output:
         "results/scenes/{scene}/maps.h5",
     log:
@@ -106,7 +101,6 @@ rule maps:
 rule maps_figure:
     input:
         maps="results/scenes/{scene}/maps.h5",
-        sources=sources("workflow/figures/maps.py"),
     output:
         png=report(
             "results/figures/maps_{scene}.png",
@@ -155,7 +149,6 @@ rule study:
         cases=CASES,
         scene=lambda wildcards: BASE[wildcards.model],
         tables=studied,
-        sources=sources("workflow/case.py"),
     output:
         "results/cases/{case}/{model}.json",
     log:
@@ -180,7 +173,6 @@ rule heat:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
-        sources=sources("workflow/heat.py"),
     output:
         "results/cases/heat_{scene}.json",
     log:
@@ -201,7 +193,6 @@ rule conclusions:
     input:
         studies=studies,
         heat="results/cases/heat_fig6.json",
-        sources=sources("workflow/figures/conclusions.py"),
     output:
         csv="results/conclusions.csv",
         markdown="results/conclusions.md",
@@ -226,8 +217,6 @@ rule conclusions:
 
 
 rule merit:
-    input:
-        sources=sources("dynamics.merit"),
     output:
         "results/merit.csv",
     log:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from workflow.sources import sources
+from optics.sources import sources
 
 ROOT = Path(__file__).parents[2]
 
