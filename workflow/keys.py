@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import functools
 import json
+import os
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -28,6 +29,13 @@ from optics.files import load_yaml
 from optics.sources import digest_of, digest_of_file, program
 
 PROGRAM = re.compile(r"\bpython (?:-m )?([\w./{}]+)")
+WILDCARD = re.compile(r"\{wildcards\.(\w+)\}")
+#: Folder that tables are shared in, and the command that takes them from there, or makes them and keeps them there.
+VARIABLE = "BEAMRIDER_CACHE"
+SHARED = (
+    "python workflow/shared.py fetch {params.share} {output} > {log} 2>&1"
+    " || {{ ( COMMAND ) && python workflow/shared.py store {params.share} {output} >> {log} 2>&1; }}"
+)
 #: What a function of parameters or inputs must not ask for, to be known before the job runs.
 LATER = {"input", "output", "threads", "resources"}
 #: Modes in which Snakemake draws or lists the graph: with all its edges.
@@ -49,14 +57,25 @@ class Keys:
         self._told: set[str] = set()
         self._whole = whole_graph or not workflow.is_main_process
         self._inputs: dict[str, list[tuple[str | None, Any]]] = {}
+        self._commands: dict[str, str] = {}
+        self._shared: dict[str, str] = {}
         self._keys: dict[tuple[str, frozenset[tuple[str, str]]], str] = {}
         self._current: dict[tuple[str, frozenset[tuple[str, str]]], bool] = {}
+
+    def shared(self, command: str) -> str:
+        """A rule's command; where users share a cache, one that looks there first."""
+        if not os.environ.get(VARIABLE):
+            return command
+        whole = SHARED.replace("COMMAND", command)
+        self._shared[whole] = command
+        return whole
 
     def attach(self) -> None:
         """Give every rule that runs a command its key, and its inputs only where it is to be run."""
         for rule in self.workflow.rules:
             if rule.shellcmd:
                 self._inputs[rule.name] = list(rule.input._allitems())
+                self._commands[rule.name] = self._shared.get(rule.shellcmd, rule.shellcmd)
         for rule in self.workflow.rules:
             if rule.shellcmd:
                 self._attach(rule)
@@ -77,7 +96,8 @@ class Keys:
         wrapped.append(functools.partial(self._gate, rule))
         rule._input = wrapped
         rule.set_params(key=functools.partial(self._param, rule))
-        rule.shellcmd = "export BEAMRIDER_KEY={params.key}; " + rule.shellcmd
+        if rule.shellcmd in self._shared:
+            rule.set_params(share=functools.partial(self._share, rule))
 
     def _item(self, rule: Rule, item: Any, wildcards: Wildcards) -> Any:
         return [] if self.current(rule, dict(wildcards.items())) else self._value(item, wildcards)
@@ -89,6 +109,10 @@ class Keys:
 
     def _param(self, rule: Rule, wildcards: Wildcards) -> str:
         return self.key(rule, dict(wildcards.items()))
+
+    def _share(self, rule: Rule, wildcards: Wildcards, resources: Any) -> str:
+        """Key in the shared cache: what is accepted of a table may differ from folder to folder."""
+        return digest_of([self._param(rule, wildcards), str(resources.get("accept", ""))])
 
     @staticmethod
     def _value(item: Any, wildcards: Wildcards) -> Any:
@@ -120,17 +144,12 @@ class Keys:
         """Key of a job. IncompleteCheckpointException where it hangs on a checkpoint that has yet to run."""
         at = rule.name, frozenset(wildcards.items())
         if at not in self._keys:
+            command = WILDCARD.sub(lambda found: wildcards[found[1]], self._commands[rule.name])
             self._keys[at] = digest_of([
-                self._command(rule, wildcards), wildcards, list(self._params(rule, wildcards)),
-                [self._input_key(path) for path in self._paths(rule, wildcards)],
+                command, [self._program(name) for name in PROGRAM.findall(command)],
+                list(self._params(rule, wildcards)), [self._input_key(path) for path in self._paths(rule, wildcards)],
             ])
         return self._keys[at]
-
-    def _command(self, rule: Rule, wildcards: dict[str, str]) -> list[Any]:
-        """The command, with digests of its programs; {part} in a script's name is a wildcard."""
-        command = re.sub(r"^export BEAMRIDER_KEY=\{params.key\}; ", "", str(rule.shellcmd))
-        names = [name.replace("wildcards.", "").format(**wildcards) for name in PROGRAM.findall(command)]
-        return [command, [self._program(name) for name in names]]
 
     @functools.cache  # noqa: B019
     def _program(self, name: str) -> str:
@@ -139,7 +158,7 @@ class Keys:
     def _params(self, rule: Rule, wildcards: dict[str, str]) -> Iterator[tuple[str | None, str]]:
         """Parameters that do not follow from files, as text."""
         for name, item in rule.params._allitems():
-            if name != "key" and not (callable(item) and LATER & set(get_function_params(item))):
+            if name not in ("key", "share") and not (callable(item) and LATER & set(get_function_params(item))):
                 yield name, repr(self._value(item, Wildcards(fromdict=wildcards)))
 
     def _paths(self, rule: Rule, wildcards: dict[str, str]) -> list[str]:

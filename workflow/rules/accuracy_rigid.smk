@@ -35,8 +35,10 @@ rule accuracy_table:
     message:
         "Modal table of {wildcards.design} to {wildcards.level}"
     shell:
-        "python -m optics.modal --accept-missed --cell {input.cell} --u-max {params.u_max} --v-max {params.v_max}"
-        " --tolerance {wildcards.level} --out {output} > {log} 2>&1"
+        keys.shared(
+            "python -m optics.modal --accept-missed --cell {input.cell} --u-max {params.u_max} --v-max {params.v_max}"
+            " --tolerance {wildcards.level} --out {output} > {log} 2>&1"
+        )
 
 
 # FDTD tables count where they are there; nothing is solved for this.

@@ -21,8 +21,10 @@ rule modal_table:
     message:
         "Modal table of {wildcards.design}"
     shell:
-        "python -m optics.modal --cell {input.cell} --out {output} {params.grid} {resources.accept} > {log} 2>&1"
-        + keep_missed
+        keys.shared(
+            "python -m optics.modal --cell {input.cell} --out {output} {params.grid} {resources.accept} > {log} 2>&1"
+            + keep_missed
+        )
 
 
 rule thin_film_table:
@@ -42,8 +44,10 @@ rule thin_film_table:
     message:
         "Table of the film {wildcards.design}"
     shell:
-        "python -m optics.thin_film --cell {input.cell} --out {output} {resources.accept} > {log} 2>&1"
-        + keep_missed
+        keys.shared(
+            "python -m optics.thin_film --cell {input.cell} --out {output} {resources.accept} > {log} 2>&1"
+            + keep_missed
+        )
 
 
 # A checkpoint, so that what follows is decided by the directions it finds: the same ones again re-run no FDTD.
@@ -66,7 +70,9 @@ checkpoint fdtd_nodes:
     message:
         "Directions for FDTD on {wildcards.design}"
     shell:
-        "python -m optics.nodes --cell {input.cell} --out {output} {params.grid} > {log} 2>&1"
+        keys.shared(
+            "python -m optics.nodes --cell {input.cell} --out {output} {params.grid} > {log} 2>&1"
+        )
 
 
 rule fdtd_part:
@@ -92,9 +98,11 @@ rule fdtd_part:
     message:
         "FDTD on {wildcards.design}, part {wildcards.part} of {params.parts}"
     shell:
-        "python -m optics.fdtd --cell {input.cell} --nodes {input.nodes} --tolerance {params.tolerance}"
-        " --part {wildcards.part}/{params.parts} --out {params.rows} > {log} 2>&1"
-        " && mv {params.rows} {output} && rm -f {output}.*"
+        keys.shared(
+            "python -m optics.fdtd --cell {input.cell} --nodes {input.nodes} --tolerance {params.tolerance}"
+            " --part {wildcards.part}/{params.parts} --out {params.rows} > {log} 2>&1"
+            " && mv {params.rows} {output} && rm -f {output}.*"
+        )
 
 
 rule fdtd_table:
@@ -118,6 +126,8 @@ rule fdtd_table:
     message:
         "FDTD table of {wildcards.design}"
     shell:
-        "python -m optics.fdtd --cell {input.cell} --nodes {input.nodes} --tolerance {params.tolerance}"
-        " --merge {input.parts} --out {output} {resources.accept} > {log} 2>&1"
-        + keep_missed
+        keys.shared(
+            "python -m optics.fdtd --cell {input.cell} --nodes {input.nodes} --tolerance {params.tolerance}"
+            " --merge {input.parts} --out {output} {resources.accept} > {log} 2>&1"
+            + keep_missed
+        )

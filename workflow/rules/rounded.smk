@@ -50,5 +50,7 @@ rule fdtd_adaptive_table:
     message:
         "FDTD table of {wildcards.design}, its directions chosen by FDTD"
     shell:
-        "python -m optics.fdtd --accept-missed --cell {input.cell} {params.range} --tolerance {params.tolerance}"
-        " --out {params.out} > {log} 2>&1 && mv {params.out} {output} && rm -f {output}.*"
+        keys.shared(
+            "python -m optics.fdtd --accept-missed --cell {input.cell} {params.range} --tolerance {params.tolerance}"
+            " --out {params.out} > {log} 2>&1 && mv {params.out} {output} && rm -f {output}.*"
+        )

@@ -86,8 +86,10 @@ rule cells:
     message:
         "Cells of the family {wildcards.family}, part {wildcards.part} of {params.blocks}"
     shell:
-        "python -m optics.local --cells {input.cells} --block {wildcards.part}/{params.blocks} --order {params.orders}"
-        " --out {output} > {log} 2>&1"
+        keys.shared(
+            "python -m optics.local --cells {input.cells} --block {wildcards.part}/{params.blocks} --order {params.orders}"
+            " --out {output} > {log} 2>&1"
+        )
 
 
 rule screened:
@@ -178,7 +180,9 @@ rule candidate_fdtd_nodes:
     message:
         "Directions for FDTD on cell {wildcards.cell} of candidate {wildcards.place} of {wildcards.family}"
     shell:
-        "python -m optics.nodes --cell {input.cell} --out {output} {params.grid} > {log} 2>&1"
+        keys.shared(
+            "python -m optics.nodes --cell {input.cell} --out {output} {params.grid} > {log} 2>&1"
+        )
 
 
 use rule fdtd_part as candidate_fdtd_part with:
