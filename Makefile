@@ -8,7 +8,7 @@ CORES ?= $(shell env -u OMP_NUM_THREADS nproc)
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
-SNAKEMAKE := $(BIN)/snakemake --workflow-profile workflow/profiles/default --cores $(CORES)
+SNAKEMAKE := $(BIN)/snakemake --cores $(CORES)
 REPORT := results/report.html
 # Small matrices are slower on several threads, and far slower where these have to wait for a core.
 ONE_THREAD := env OPENBLAS_NUM_THREADS=1

@@ -34,6 +34,7 @@ rule all:
         plan.all_families,
         [f"results/figures/{name}.{kind}" for name in plan.figures for kind in ("png", "svg")],
         "results/summary.csv",
+        "results/contents.sha256",
 
 
 keys.attach()  # to all rules above

@@ -23,6 +23,7 @@ from dynamics.kernels.record import COLUMNS
 from dynamics.mesh import Floats, Mesh
 from optics.files import atomic
 from optics.hdf5 import new_hdf5
+from optics.made import as_attribute
 
 TRIANGLE = 5  # VTK's number for the cell type
 _PACKED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
@@ -197,6 +198,7 @@ def _write_flight(
         for name, (values, unit) in columns.items():
             group.create_dataset(name, data=values, chunks=True, **_PACKED).attrs["units"] = unit
         group.attrs.update(attributes)
+        file.attrs.update(as_attribute())
         if slack:
             group.attrs["slack_area"] = max(slack)
 

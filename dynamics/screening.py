@@ -26,6 +26,7 @@ from dynamics.forecast import require_members, say_members
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.linear import RESOLUTION, LinearModel, growth, margin
 from optics.files import InputError, Stopwatch, atomic, check_out, progress, run_stage
+from optics.made import as_attribute
 
 Floats = NDArray[np.float64]
 
@@ -215,6 +216,7 @@ def main() -> None:
     check_out(given.out)
     members, cells = read_columns([given.members]), read_columns(given.cells)
     screened = rank(screen(scenes.read_scene(given.scene), members, cells), given.by, given.at_least)
+    screened.attrs |= as_attribute()
     with atomic(given.out) as temporary:
         screened.to_parquet(temporary, index=False)
     counts = screened["verdict"].value_counts()

@@ -19,6 +19,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from tqdm import tqdm
 
+from optics import made
 from optics.wording import brief, describe
 
 # Field types of the configuration: wide enough for everything, narrow enough for every number that follows to be one.
@@ -195,7 +196,9 @@ def check_out(path: str | Path) -> None:
 
 
 def write_json(path: str | Path, data: Any) -> None:
-    """`data` as readable JSON, atomically. NaN is refused."""
+    """`data` as readable JSON, atomically, a mapping with what made it. NaN is refused."""
+    if isinstance(data, dict) and (record := made.made_from()):
+        data = {**data, made.NAME: record}
     text = json.dumps(data, indent=1, allow_nan=False)
     with atomic(path) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
@@ -230,7 +233,8 @@ def run_stage(main: Callable[[], None]) -> None:
     """Run a stage's `main`; an InputError or a failing disk becomes one line on standard error and exit code 2."""
     try:
         _refuse_other_code(Path(getattr(sys.modules["__main__"], "__file__", None) or "").resolve())
-        main()
+        with made.by(main.__module__):
+            main()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None

@@ -14,6 +14,7 @@ from pathlib import Path
 import h5py
 
 from optics.files import atomic
+from optics.made import as_attribute
 
 
 def read_hdf5(path: str | Path) -> h5py.File:
@@ -29,9 +30,10 @@ def write_bytes(path: str | Path, content: bytes | memoryview) -> None:
 
 @contextlib.contextmanager
 def new_hdf5(path: str | Path) -> Iterator[h5py.File]:
-    """Yield an HDF5 file in memory, to be filled; on success it is written to `path`, atomically."""
+    """Yield an HDF5 file in memory, to be filled; on success it is written to `path`, atomically, with what made it."""
     with h5py.File.in_memory() as file:
         yield file
+        file.attrs.update(as_attribute())
         file.flush()
         content = file.id.get_file_image()
     write_bytes(path, content)

@@ -25,6 +25,7 @@ from optics.files import InputError, atomic, check_out, progress, run_stage, val
 from optics.incidence import Floats
 from optics.lamellar import solve
 from optics.limit import without_limit
+from optics.made import as_attribute
 from optics.normal import NormalResponse
 from optics.section import cross_section
 from optics.steps import ModalCell, Slanted
@@ -152,7 +153,7 @@ def main() -> None:
     with threadpool_limits(1):
         rows = [row(number, cell, given.order) for number, cell in progress(cells, "cells", unit="cell")]
     with atomic(given.out) as temporary:
-        pq.write_table(pa.Table.from_pylist(rows, SCHEMA), temporary)
+        pq.write_table(pa.Table.from_pylist(rows, SCHEMA.with_metadata(as_attribute())), temporary)
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ from optics.film_table import LOSSES, PRESSURE, Film, from_rows, with_film
 from optics.hdf5 import write_bytes
 from optics.interpolation import Floats, TableArrays, lookup_many, lookup_slopes_many, pack
 from optics.interpolation import lookup as lookup
+from optics.made import NAME, as_attribute
 from optics.patches import Values, make_patches
 from optics.section import Section, cross_section
 from optics.strips import Curves, lay_out, no_curves
@@ -340,7 +341,7 @@ class PressureTable:
             | ({"property": list(PROPERTIES)} if self.film else {}),
             attrs={
                 "schema": SCHEMA, "mirror_v": int(self.mirror_v), "axisymmetric": int(self.axisymmetric),
-                "digest": self.digest, **{key: _encode(value) for key, value in self.attrs.items()},
+                "digest": self.digest, **as_attribute(), **{key: _encode(value) for key, value in self.attrs.items()},
             },
         )
         write_bytes(path, data.to_netcdf(engine="h5netcdf"))
@@ -387,7 +388,7 @@ class PressureTable:
         def numbers(*names: str) -> list[Floats]:
             return [np.asarray(data[name].values, float) for name in names]
 
-        attrs = {key: _decode(value) for key, value in data.attrs.items() if key not in ("schema", "digest")}
+        attrs = {key: _decode(value) for key, value in data.attrs.items() if key not in ("schema", "digest", NAME)}
         mirror_v, axisymmetric = (bool(int(attrs.pop(name))) for name in ("mirror_v", "axisymmetric"))
         pair = ("q_stokes", "absorptance_stokes")
         stokes: list[Any] = numbers(*pair) if any(name in data for name in pair) else [None, None]

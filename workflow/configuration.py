@@ -102,6 +102,12 @@ class Plan:
         gratings = set(self.scenes[scene].sail.designs) - set(self.films)
         return bool(gratings) and gratings <= set(self.fdtd_designs)
 
+    @property
+    def files(self) -> dict[str, Scene | Cell]:
+        """The scenes and cells by the files they were read from."""
+        scenes = {f"workflow/scenes/{name}.yaml": scene for name, scene in self.scenes.items()}
+        return scenes | {f"workflow/designs/{name}.yaml": cell for name, cell in self.cells.items()}
+
     def scene(self, name: str) -> Scene:
         """A scene of the configuration, or any other in workflow/scenes, read and checked now."""
         if name in self.scenes:

@@ -27,6 +27,7 @@ from dynamics.forecast import A_MADE_MEMBER, require_members
 from dynamics.scene import Scene, read_scene
 from optics.cells import Metagrating, read_metagrating
 from optics.files import InputError, Name, Positive, Stopwatch, Strict, atomic, read_model, run_stage, validate
+from optics.made import as_attribute
 
 Floats = NDArray[np.float64]
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
@@ -296,6 +297,7 @@ def write(folder: Path, family: Family, scene: Scene, bases: list[Metagrating]) 
     members, cells = number_cells(expand(family, base_parameters(scene, bases)), bases)
     with atomic(folder / "cells.jsonl") as temporary:
         temporary.write_text("".join(f"{json.dumps(cell.model_dump())}\n" for cell in cells), encoding="utf-8")
+    members.attrs |= as_attribute()
     with atomic(folder / "members.parquet") as temporary:
         members.to_parquet(temporary, index=False)
     return len(cells), len(members)

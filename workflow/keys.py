@@ -13,7 +13,7 @@ import functools
 import json
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from snakemake.rules import Rule, get_function_params
 from snakemake.settings.types import RerunTrigger
 
 from optics.files import load_yaml
+from optics.made import NAME
 from optics.sources import digest_of, digest_of_file, program
 
 PROGRAM = re.compile(r"\bpython (?:-m )?([\w./{}]+)")
@@ -50,14 +51,21 @@ def _flat(value: Any) -> list[str]:
 
 
 class Keys:
-    """Keys of all jobs of a workflow, and which of their results are current."""
+    """Keys of all jobs of a workflow, and which of their results are current.
 
-    def __init__(self, workflow: Any, ledger: Any, whole_graph: bool, checked: Callable[..., Any]) -> None:
-        self.workflow, self.ledger, self.checked = workflow, ledger, checked
+    ledger: digests of results (`workflow.ledger`). whole_graph: tell of all inputs. checked: calls a function whose
+    InputError ends Snakemake. read: files that were read already, as models.
+    """
+
+    def __init__(
+        self, workflow: Any, ledger: Any, whole_graph: bool, checked: Callable[..., Any], read: Mapping[str, Any]
+    ) -> None:
+        self.workflow, self.ledger, self.checked, self._read = workflow, ledger, checked, read
         self._told: set[str] = set()
         self._whole = whole_graph or not workflow.is_main_process
         self._inputs: dict[str, list[tuple[str | None, Any]]] = {}
         self._commands: dict[str, str] = {}
+        self._params_before: dict[str, list[tuple[str | None, Any]]] = {}
         self._shared: dict[str, str] = {}
         self._keys: dict[tuple[str, frozenset[tuple[str, str]]], str] = {}
         self._current: dict[tuple[str, frozenset[tuple[str, str]]], bool] = {}
@@ -88,31 +96,37 @@ class Keys:
         return bool(self._whole or settings.forceall or settings.forcerun or settings.forcetargets)
 
     def _attach(self, rule: Rule) -> None:
+        def key(wildcards: Wildcards) -> str:
+            return self.key(rule, dict(wildcards.items()))
+
+        def gate(wildcards: Wildcards) -> list[str]:
+            """No input; where the key hangs on a checkpoint that has yet to run, Snakemake learns that it must wait."""
+            key(wildcards)
+            return []
+
+        def share(wildcards: Wildcards, resources: Any) -> str:
+            """Key in the shared cache: what is accepted of a table may differ from folder to folder."""
+            return digest_of([key(wildcards), str(resources.get("accept", ""))])
+
+        self._params_before[rule.name] = [
+            (name, item) for name, item in rule.params._allitems()
+            if not (callable(item) and LATER & set(get_function_params(item)))
+        ]
         wrapped = InputFiles()
         for name, item in self._inputs[rule.name]:
-            wrapped.append(functools.partial(self._item, rule, item))
+            wrapped.append(self._item(rule, item))
             if name:
                 wrapped._add_name(name)
-        wrapped.append(functools.partial(self._gate, rule))
+        wrapped.append(gate)
         rule._input = wrapped
-        rule.set_params(key=functools.partial(self._param, rule))
-        if rule.shellcmd in self._shared:
-            rule.set_params(share=functools.partial(self._share, rule))
+        rule.set_params(key=key, **({"share": share} if rule.shellcmd in self._shared else {}))
 
-    def _item(self, rule: Rule, item: Any, wildcards: Wildcards) -> Any:
-        return [] if self.current(rule, dict(wildcards.items())) else self._value(item, wildcards)
+    def _item(self, rule: Rule, item: Any) -> Callable[[Wildcards], Any]:
+        """The item of a rule's input, where the job is to be run."""
+        def needed(wildcards: Wildcards) -> Any:
+            return [] if self.current(rule, dict(wildcards.items())) else self._value(item, wildcards)
 
-    def _gate(self, rule: Rule, wildcards: Wildcards) -> list[str]:
-        """No input; where the key hangs on a checkpoint that has yet to run, Snakemake learns that it must wait."""
-        self.key(rule, dict(wildcards.items()))
-        return []
-
-    def _param(self, rule: Rule, wildcards: Wildcards) -> str:
-        return self.key(rule, dict(wildcards.items()))
-
-    def _share(self, rule: Rule, wildcards: Wildcards, resources: Any) -> str:
-        """Key in the shared cache: what is accepted of a table may differ from folder to folder."""
-        return digest_of([self._param(rule, wildcards), str(resources.get("accept", ""))])
+        return needed
 
     @staticmethod
     def _value(item: Any, wildcards: Wildcards) -> Any:
@@ -157,9 +171,8 @@ class Keys:
 
     def _params(self, rule: Rule, wildcards: dict[str, str]) -> Iterator[tuple[str | None, str]]:
         """Parameters that do not follow from files, as text."""
-        for name, item in rule.params._allitems():
-            if name not in ("key", "share") and not (callable(item) and LATER & set(get_function_params(item))):
-                yield name, repr(self._value(item, Wildcards(fromdict=wildcards)))
+        for name, item in self._params_before[rule.name]:
+            yield name, repr(self._value(item, Wildcards(fromdict=wildcards)))
 
     def _paths(self, rule: Rule, wildcards: dict[str, str]) -> list[str]:
         """Input files of a job that runs; a checkpoint whose output is current counts as done."""
@@ -192,11 +205,21 @@ class Keys:
         output = rule.expand_output(wildcards)[0]
         if not set(output) <= set(self.workflow.globals["checkpoints"].created_output) and not self._settled(path):
             raise IncompleteCheckpointException(rule, output[0])
-        return digest_of_file(Path(path))
+        return self._content(Path(path))
+
+    @staticmethod
+    def _content(path: Path) -> str:
+        """Digest of what a checkpoint found, without what made it."""
+        if path.suffix != ".json":
+            return digest_of_file(path)
+        data = json.loads(path.read_text(encoding="utf-8"))
+        return digest_of({name: value for name, value in data.items() if name not in (NAME, "checksum")})
 
     @functools.cache  # noqa: B019
     def _meaning(self, path: str) -> str:
-        """Digest of what a file means that no job makes."""
+        """Digest of what a file means that no job makes; of those that were read already, of what was read."""
+        if path in self._read:
+            return digest_of(self._read[path].model_dump(mode="json"))
         if Path(path).suffix in (".yaml", ".yml") and Path(path).is_file():
             return digest_of(json.loads(json.dumps(self.checked(load_yaml, path), default=str)))
         return digest_of_file(Path(path))

@@ -53,7 +53,7 @@ def _outputs(folder: Path) -> list[str]:
     nodes = [f"results/tables/{design}/fdtd/nodes.json" for design in plan.fdtd_designs]
     plans = [f"results/scenes/{scene}/plan.json" for scene in plan.scenes]
     figures = [f"results/figures/{name}.{kind}" for name in plan.figures for kind in ("png", "svg")]
-    summary = ["results/summary.csv", "results/summary.html"]
+    summary = ["results/summary.csv", "results/summary.html", "results/contents.sha256"]
     maps = [f"results/scenes/{scene}/maps.h5" for scene in plan.config.maps]
     stages = [*maps, *plan.all_tables, *parts, *nodes, *plans, *plan.all_floquet, *plan.all_flights]
     return [*stages, *plan.benchmarks, *plan.checks, *figures, *summary]
@@ -104,7 +104,7 @@ def test_all_stages_are_run_the_first_time(new):
         "rigid": len(plan.config.rigid), "flight": len(plan.config.flight), "pressure_figure": len(plan.gratings),
         "fdtd_figure": 1, "multipliers_figure": 1, "flights_figure": 1, "summary": 1, "checks": 1,
         "snapshots_figure": len(plan.config.flight), "maps": len(plan.config.maps),
-        "maps_figure": len(plan.config.maps),
+        "maps_figure": len(plan.config.maps), "contents": 1,
     }
 
 

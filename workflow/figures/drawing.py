@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from optics.files import InputError, Stopwatch, atomic, finish
 from optics.hdf5 import read_hdf5
+from optics.made import NAME, as_attribute
 
 Floats = NDArray[np.float64]
 WATCH = Stopwatch()
@@ -50,10 +51,11 @@ def parser(description: str | None) -> argparse.ArgumentParser:
 
 def save(figure: Figure, png: Path, svg: Path) -> None:
     """Write both files, atomically; the SVG carries no date, so equal figures are equal files."""
+    made = {"Description": made_from[NAME]} if (made_from := as_attribute()) else {}
     with atomic(png) as temporary:
-        figure.savefig(temporary, format="png", dpi=200)
+        figure.savefig(temporary, format="png", dpi=200, metadata=made)
     with atomic(svg) as temporary:
-        figure.savefig(temporary, format="svg", metadata={"Date": None})
+        figure.savefig(temporary, format="svg", metadata={"Date": None} | made)
     plt.close(figure)
     finish(png, WATCH, "drawn, as SVG beside it")
 

@@ -11,6 +11,7 @@ from snakemake.logging import logger
 sys.path.insert(0, workflow.basedir)
 
 from optics.files import InputError
+from optics.sources import digest_of
 from workflow.configuration import SOURCE, link_program, read_config, read_plan
 from workflow.keys import WHOLE_GRAPH, Keys
 from workflow.ledger import Ledger
@@ -44,7 +45,7 @@ plan = checked(read_plan, config)
 ledger = Ledger(Path(".snakemake/beamrider.json"))
 if workflow.is_main_process:
     atexit.register(ledger.save)
-keys = Keys(workflow, ledger, any(word.startswith(WHOLE_GRAPH) for word in sys.argv), checked)
+keys = Keys(workflow, ledger, any(word.startswith(WHOLE_GRAPH) for word in sys.argv), checked, plan.files)
 
 if not plan.fdtd:
     why = "fdtd: false" if plan.config.fdtd is False else "Meep is not installed (apt-get install python3-meep)"

@@ -141,6 +141,22 @@ rule snapshots_figure:
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
+# Digest of the list of all figures and flights: the report is made anew where it changed, if only by a scene less.
+rule contents:
+    output:
+        "results/contents.sha256",
+    params:
+        digest=digest_of([plan.figures, plan.all_flights, plan.all_floquet, plan.all_tables, list(plan.scenes)]),
+    threads: 1
+    resources:
+        mem_mb=100,
+        runtime=5,
+    message:
+        "What the report holds"
+    shell:
+        "echo {params.digest} > {output}"
+
+
 rule summary:
     input:
         tables=plan.all_tables,
