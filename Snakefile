@@ -46,3 +46,4 @@ onsuccess:
 
 onerror:
     keys.learn()
+    keys.examine()

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from snakemake.exceptions import IncompleteCheckpointException
-from snakemake.io import IOFile
+from snakemake.io import IOFile, _IOFile, is_flagged
 from snakemake.iocontainers import InputFiles, Wildcards
 from snakemake.logging import logger
 from snakemake.output_index import OutputIndex
@@ -133,8 +133,10 @@ class Keys:
         """What an item of `input` or `params` stands for."""
         if callable(item):
             return item(wildcards)
+        if isinstance(item, _IOFile):
+            return item.apply_wildcards(dict(wildcards.items()))
         if isinstance(item, str):
-            return str(item).format(**dict(wildcards.items())) if "{" in item else str(item)
+            return item.format(**dict(wildcards.items())) if "{" in item else item
         return [Keys._value(part, wildcards) for part in item] if isinstance(item, list) else item
 
     def of(self, path: str) -> str:
@@ -178,7 +180,7 @@ class Keys:
         """Input files of a job that runs; a checkpoint whose output is current counts as done."""
         found: list[str] = []
         for _, item in self._inputs[rule.name]:
-            while True:
+            while not is_flagged(item, "ancient"):  # which is there for other reasons than to be read
                 try:
                     found += _flat(self._value(item, Wildcards(fromdict=wildcards)))
                     break
@@ -235,16 +237,16 @@ class Keys:
         return self._current[at]
 
     def _is_current(self, rule: Rule, wildcards: dict[str, str]) -> bool:
-        made = rule.expand_output(wildcards)[0]
-        beside = [rule.expand_benchmark(wildcards)] if rule.benchmark else []
-        if not all(Path(path).exists() for path in [*made, *beside]):
+        made, records = rule.expand_output(wildcards)[0], self.workflow.persistence
+        there = [path for path in made if Path(path).exists()]
+        if not there or records._filter_incomplete_keys(list(map(str, made))):
             return False
-        records = self.workflow.persistence
-        if records._filter_incomplete_keys(list(map(str, made))):
-            return False
-        recorded = [records.params(IOFile(str(path))) for path in made]
+        recorded = [records.params(IOFile(str(path))) for path in there]
         if None in recorded:
             return self._force(made, "no record of how it was made")
+        beside = [rule.expand_benchmark(wildcards)] if rule.benchmark else []
+        if len(there) < len(made) or not all(Path(path).exists() for path in beside):
+            return False
         if any(repr(self.key(rule, wildcards)) not in params for params in recorded):
             return False
         whole = all(self.ledger.whole(str(path), records.metadata(IOFile(str(path))).endtime) for path in made)
@@ -257,6 +259,12 @@ class Keys:
             logger.warning(f"{path}: {why}; it is made again")
         self._told.update(map(str, made))
         return False
+
+    def examine(self) -> None:
+        """After jobs failed: was what they read still whole? What a disk spoilt is made again by the next run."""
+        left = list(self.workflow._dag.needrun_jobs()) if self.workflow.is_main_process else []
+        for path in sorted({str(path) for job in left for path in job.input}):
+            self.ledger.examine(path)
 
     def learn(self) -> None:
         """Write down the digests of all that is there of a run that ends."""
