@@ -31,7 +31,7 @@ from dynamics.rigid import REASONS, terms_of
 from dynamics.rigid_body import RigidBody, rigid_body
 from dynamics.sail import load_tables, provenance
 from optics.compiling import compiling
-from optics.files import InputError, Number, Positive, Strict, progress, read_model, run_stage, versions
+from optics.files import InputError, Number, Positive, Strict, progress, read_model, reading, run_stage, versions
 from optics.hdf5 import new_hdf5, read_hdf5
 from optics.table import PressureTable
 
@@ -185,14 +185,11 @@ def merge(paths: Iterable[str | Path], scene: scenes.Scene, tables: dict[str, Pr
 
 
 def _read_block(path: str | Path, key: str) -> Basin:
-    try:
-        with read_hdf5(path) as file:
-            if file.attrs.get("key") != key:
-                raise InputError(f"{path}: belongs to another scene, grid or tables; make it again")
-            columns = {name: file[name][()].ravel() for name in COLUMNS}
-            return Basin(file["cell"][()], columns, float(file.attrs["cpu_seconds"]))
-    except (OSError, KeyError) as error:
-        raise InputError(f"{path}: not a readable block of a basin map ({error})") from None
+    with reading(path, "a readable block of a basin map"), read_hdf5(path) as file:
+        if file.attrs.get("key") != key:
+            raise InputError(f"{path}: belongs to another scene, grid or tables; make it again")
+        columns = {name: np.asarray(file[name], float).ravel() for name in COLUMNS}
+        return Basin(np.asarray(file["cell"], np.int64), columns, float(file.attrs["cpu_seconds"]))
 
 
 def _block(text: str | None) -> tuple[int, int]:

@@ -15,9 +15,7 @@ goes on where it was.
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -30,7 +28,7 @@ from optics.fdtd_grid import TABLE, FdtdSettings
 from optics.fdtd_parts import Rows, block, merge, read_rows, write_rows
 from optics.fdtd_progress import Progress, check_memory, expected_directions, spread
 from optics.fdtd_run import import_meep
-from optics.files import InputError, run_stage, validate
+from optics.files import InputError, read_json, run_stage, validate
 from optics.incidence import Floats
 from optics.outline import Grating, read_grating
 from optics.promise import finish
@@ -88,13 +86,13 @@ def read_nodes(path: str, cell: Grating) -> tuple[Floats, Floats, float | None]:
 
     InputError says what is wrong with it.
     """
+    if not Path(path).exists():
+        raise InputError(f"{path}: no such file; make it with python -m optics.nodes")
+    data = read_json(path, needed=False)
     try:
-        data: Any = json.loads(Path(path).read_text(encoding="utf-8"))
         u, v = np.array(data["u"], float), np.array(data["v"], float)
         error = None if data.get("error") is None else float(data["error"])
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; make it with python -m optics.nodes") from None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: must hold the lists 'u' and 'v' ({type(error).__name__}: {error})") from None
     if data.get("name", cell.name) != cell.name:
         raise InputError(f"{path}: name = {data['name']!r}: made for another cell than '{cell.name}'")

@@ -7,11 +7,10 @@ import difflib
 import importlib.metadata
 import json
 import os
-import re
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -19,7 +18,10 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from tqdm import tqdm
 
+from optics.checksum import fault, with_checksum
 from optics.wording import brief, describe
+from optics.yaml12 import Loader, within_reason
+from optics.yaml12 import scalar as scalar
 
 # Field types of the configuration: wide enough for everything, narrow enough for every number that follows to be one.
 Number = Annotated[float, Field(ge=-1e30, le=1e30)]
@@ -27,10 +29,6 @@ Positive = Annotated[float, Field(ge=1e-30, le=1e30)]
 NonNegative = Annotated[float, Field(ge=0, le=1e30)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
-
-
-#: Values that a YAML file may hold, each as often as aliases name it.
-MOST_VALUES = 1_000_000
 
 
 class InputError(ValueError):
@@ -58,43 +56,12 @@ class Strict(BaseModel):
 Model = TypeVar("Model", bound=BaseModel)
 
 
-class _Loader(yaml.SafeLoader):
-    """The core schema of YAML 1.2 (section 10.3.2 of its specification), and no duplicate keys.
-
-    PyYAML reads YAML 1.1, where 0600 is 384, 1:30 is 90, 1e-3 is text, `no` is false and 2026-01-01 a date.
-    """
-
-    yaml_implicit_resolvers: dict[Any, Any] = {}
-
-
-def _mapping(loader: _Loader, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-    keys = [loader.construct_object(key, deep=True) for key, _ in node.value]
-    for key in keys:
-        if keys.count(key) > 1:
-            raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", node.start_mark)
-    return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
-
-
-def _integer(loader: _Loader, node: yaml.ScalarNode) -> int:
-    text = loader.construct_scalar(node)
-    return int(text, {"0o": 8, "0x": 16}.get(text[:2], 10))
-
-
-_INTEGER = r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+"
-_FLOAT = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"
-for _tag, _pattern in (
-    ("null", "null|Null|NULL|~|"), ("bool", "true|True|TRUE|false|False|FALSE"), ("int", _INTEGER), ("float", _FLOAT),
-):
-    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"^(?:{_pattern})$"), [None])
-_Loader.add_constructor("tag:yaml.org,2002:int", _integer)
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
-
-
 def load_yaml(path: str | Path) -> Any:
     """Content of a YAML file; InputError names the file and the line when it can't be read."""
+    require_whole(path, needed=False)
     try:
         with open(path, encoding="utf-8") as stream:
-            return within_reason(yaml.load(stream, Loader=_Loader))
+            return within_reason(yaml.load(stream, Loader=Loader))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -108,29 +75,6 @@ def load_yaml(path: str | Path) -> Any:
         raise InputError(f"{path}: not valid YAML: nested too deeply") from None
     except (ValueError, LookupError, AttributeError, TypeError) as error:  # of values that are none of their type
         raise InputError(f"{path}: not valid YAML: {' '.join(str(error).split())[:100]}") from None
-
-
-def scalar(text: str) -> Any:
-    """A value given as text, on the command line, as it would be in a file: '1e-3' is a number, 'modal' stays text."""
-    loader = _Loader("")
-    return loader.construct_object(yaml.ScalarNode(loader.resolve(yaml.ScalarNode, text, (True, False)), text))
-
-
-def within_reason(data: Any) -> Any:
-    """The data, if it is a tree of at most MOST_VALUES; ValueError where aliases make it more, or endless."""
-    sizes: dict[int, int] = {}
-
-    def size(value: Any) -> int:
-        if not isinstance(value, dict | list):
-            return 1
-        if id(value) not in sizes:
-            sizes[id(value)] = MOST_VALUES  # met again within itself: endless
-            sizes[id(value)] = 1 + sum(map(size, value.values() if isinstance(value, dict) else value))
-        return sizes[id(value)]
-
-    if size(data) > MOST_VALUES:
-        raise ValueError(f"more than {MOST_VALUES} values, or an alias within what it stands for")
-    return data
 
 
 def read_mapping(path: str | Path) -> dict[Any, Any]:
@@ -194,11 +138,81 @@ def check_out(path: str | Path) -> None:
         raise InputError(f"--out = {path}: no permission to write in {parent}")
 
 
-def write_json(path: str | Path, data: Any) -> None:
-    """`data` as readable JSON, atomically. NaN is refused."""
-    text = json.dumps(data, indent=1, allow_nan=False)
+def write_json(path: str | Path, data: Mapping[str, Any]) -> None:
+    """`data` as readable JSON with a checksum, atomically. NaN is refused."""
+    text = json.dumps(data, indent=1, allow_nan=False) + "\n"
     with atomic(path) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+        temporary.write_bytes(with_checksum(text.encode(), len(text.encode()) - 3, b',\n "checksum": "', b'"'))
+
+
+def read_json(path: str | Path, needed: bool = True) -> dict[str, Any]:
+    """What `write_json` wrote; InputError where it is not that, or damaged. needed: as in `whole`."""
+    require_whole(path, needed)
+    try:
+        data = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a readable JSON file ({one_line(error)})") from None
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: must be a mapping of keys to values; it is {brief(data)}")
+    data.pop("checksum", None)
+    return data
+
+
+def write_lines(path: str | Path, rows: Iterable[Mapping[str, Any]]) -> None:
+    """Mappings as JSON, one a line, and a checksum in the last one, atomically."""
+    text = "".join(f"{json.dumps(row, allow_nan=False)}\n" for row in rows)
+    with atomic(path) as temporary:
+        temporary.write_bytes(with_checksum(text.encode(), before=b'{"checksum": "', after=b'"}\n'))
+
+
+def read_lines(path: str | Path) -> list[str]:
+    """Lines that `write_lines` wrote, or a user, without that of the checksum; InputError where they are damaged."""
+    require_whole(path, needed=False)
+    with reading(path, "readable text"):
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    return lines[:-1] if lines and lines[-1].startswith('{"checksum": ') else lines
+
+
+def whole(path: str | Path, needed: bool = True) -> str:
+    """What keeps a file that Beamrider made from being used, and what to do, in one line; '' where it is whole.
+
+    needed: whether it must have a checksum; files that users write as well need none, but one that is there must fit.
+    """
+    try:
+        found = fault(path, needed)
+    except FileNotFoundError:
+        return f"{path}: no such file"
+    except OSError as error:
+        return f"{path}: cannot be read ({error.strerror})"
+    cure = "delete it, and give the command again that made it" if needed else (
+        "delete it, and give the command again that made it; or delete its checksum, to use it as a file of your own"
+    )
+    return f"{path}: {found}; {cure}" if found else ""
+
+
+def require_whole(path: str | Path, needed: bool = True) -> None:
+    """InputError where a file is not `whole`: before a library opens it."""
+    if said := whole(path, needed):
+        raise InputError(said)
+
+
+@contextlib.contextmanager
+def reading(path: str | Path, what: str) -> Iterator[None]:
+    """While a whole file is taken apart: what is missing in it, or of another kind than it must be, as InputError.
+
+    what: what the file should be, in words.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, ArithmeticError) as error:
+        raise InputError(f"{path}: not {what} ({one_line(error)}); make it again") from None
+
+
+def one_line(error: BaseException) -> str:
+    """Kind and words of an error in one line that is not too long."""
+    return " ".join(f"{type(error).__name__}: {error}".split())[:150]
 
 
 def versions(*packages: str) -> dict[str, str]:

@@ -10,6 +10,7 @@ whether so many orders resolve it: false where fields have no limit (`optics.lim
 from __future__ import annotations
 
 import argparse
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -21,11 +22,12 @@ from threadpoolctl import threadpool_limits
 
 from optics.cells import Metagrating, as_stack, require_coherent
 from optics.derivatives import derivatives
-from optics.files import InputError, atomic, check_out, progress, run_stage, validate
+from optics.files import InputError, check_out, progress, read_lines, reading, run_stage, validate
 from optics.incidence import Floats
 from optics.lamellar import solve
 from optics.limit import without_limit
 from optics.normal import NormalResponse
+from optics.parquet import write_parquet
 from optics.section import cross_section
 from optics.steps import ModalCell, Slanted
 
@@ -97,16 +99,10 @@ def normal_response(
 
 def read_cells(path: str | Path, block: int = 1, blocks: int = 1) -> list[tuple[int, Metagrating]]:
     """Cells of a block, with their numbers; InputError names the line that holds none."""
-    try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
-    out = []
+    lines, out = read_lines(path), []
     for number in range(block - 1, len(lines), blocks):
-        try:
+        with reading(f"{path}, line {number + 1}", "JSON"):
             data = json.loads(lines[number])
-        except ValueError as error:
-            raise InputError(f"{path}, line {number + 1}: not JSON ({error})") from None
         cell = validate(data, Metagrating, f"{path}, line {number + 1}")
         as_stack(cell)  # refuses rounded corners before any cell is solved
         require_coherent(cell, "optics.local")
@@ -151,8 +147,9 @@ def main() -> None:
     cells = read_cells(given.cells, *_block(given.block))
     with threadpool_limits(1):
         rows = [row(number, cell, given.order) for number, cell in progress(cells, "cells", unit="cell")]
-    with atomic(given.out) as temporary:
-        pq.write_table(pa.Table.from_pylist(rows, SCHEMA), temporary)
+    stream = io.BytesIO()
+    pq.write_table(pa.Table.from_pylist(rows, SCHEMA), stream)
+    write_parquet(given.out, stream.getvalue())
 
 
 if __name__ == "__main__":

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from optics.files import InputError
+from optics.files import InputError, one_line, reading, require_whole
 from optics.film_table import FIELDS as FIELDS_OF_FILM
 from optics.film_table import LOSSES, PRESSURE, Film, from_rows, with_film
-from optics.hdf5 import write_bytes
+from optics.hdf5 import write_hdf5
 from optics.interpolation import Floats, TableArrays, lookup_many, lookup_slopes_many, pack
 from optics.interpolation import lookup as lookup
 from optics.patches import Values, make_patches
@@ -343,7 +343,7 @@ class PressureTable:
                 "digest": self.digest, **{key: _encode(value) for key, value in self.attrs.items()},
             },
         )
-        write_bytes(path, data.to_netcdf(engine="h5netcdf"))
+        write_hdf5(path, data.to_netcdf(engine="h5netcdf"))
 
     @property
     def digest(self) -> str:
@@ -360,11 +360,12 @@ class PressureTable:
         """The table in a file; InputError says why a missing, foreign, truncated or edited file is refused."""
         if not os.path.exists(path):
             raise InputError(f"{path}: no such pressure table; make it with optics.modal, fdtd or thin_film")
-        try:
-            with xr.open_dataset(path, engine="h5netcdf", decode_cf=False, driver_kwds=_UNLOCKED) as data:
-                data.load()
-        except Exception as refusal:
-            raise InputError(f"{path}: not a readable HDF5 table ({_one_line(refusal)})") from None
+        require_whole(path)
+        with (
+            reading(path, "a readable HDF5 table"),
+            xr.open_dataset(path, engine="h5netcdf", decode_cf=False, driver_kwds=_UNLOCKED) as data,
+        ):
+            data.load()
         for name in _REQUIRED:
             if name not in data.variables:
                 raise InputError(f"{path}: not a pressure table: '{name}' is missing")
@@ -375,7 +376,7 @@ class PressureTable:
         except InputError as refusal:
             raise InputError(f"{path}: {refusal}") from None
         except (KeyError, ValueError, TypeError) as refusal:
-            raise InputError(f"{path}: not a pressure table ({_one_line(refusal)})") from None
+            raise InputError(f"{path}: not a pressure table ({one_line(refusal)})") from None
         if table.digest != data.attrs.get("digest"):
             raise InputError(f"{path}: it was changed after it was made (digest differs); make it again")
         return table
@@ -451,10 +452,6 @@ def _around(nodes: Floats, x: Floats) -> tuple[Any, Any]:
     """Indices of the nodes left and right of x (...), both the same where there is but one."""
     right = np.clip(np.searchsorted(nodes, x), min(1, nodes.size - 1), nodes.size - 1)
     return np.maximum(right - 1, 0), right
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())[:150]
 
 
 def _encode(value: Any) -> Any:

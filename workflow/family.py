@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -26,7 +25,8 @@ from dynamics.command import finish
 from dynamics.forecast import A_MADE_MEMBER, require_members
 from dynamics.scene import Scene, read_scene
 from optics.cells import Metagrating, read_metagrating
-from optics.files import InputError, Name, Positive, Stopwatch, Strict, atomic, read_model, run_stage, validate
+from optics.files import InputError, Name, Positive, Stopwatch, Strict, read_model, run_stage, validate, write_lines
+from optics.parquet import write_parquet
 
 Floats = NDArray[np.float64]
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
@@ -294,10 +294,8 @@ def number_cells(members: pd.DataFrame, bases: list[Metagrating]) -> tuple[pd.Da
 def write(folder: Path, family: Family, scene: Scene, bases: list[Metagrating]) -> tuple[int, int]:
     """Write the cells and the members of a family; how many there are of each."""
     members, cells = number_cells(expand(family, base_parameters(scene, bases)), bases)
-    with atomic(folder / "cells.jsonl") as temporary:
-        temporary.write_text("".join(f"{json.dumps(cell.model_dump())}\n" for cell in cells), encoding="utf-8")
-    with atomic(folder / "members.parquet") as temporary:
-        members.to_parquet(temporary, index=False)
+    write_lines(folder / "cells.jsonl", [cell.model_dump() for cell in cells])
+    write_parquet(folder / "members.parquet", members.to_parquet(index=False))
     return len(cells), len(members)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from optics.cells import Metagrating
+from optics.checksum import append_checksum
 from optics.fdtd import main, read_nodes, solve_adaptively
 from optics.fdtd_adaptive import adapt
 from optics.fdtd_direction import (
@@ -366,6 +367,9 @@ def test_rows_of_another_cell_or_other_settings_are_not_kept(te, tm, tmp_path):
     with pytest.raises(InputError, match="other 'settings'"):
         read_rows(path, te, FdtdSettings(tolerance=1e-3))
     path.write_bytes(b"torn")
+    with pytest.raises(InputError, match="is cut off"):
+        read_rows(path, te, SETTINGS)
+    append_checksum(path)
     with pytest.raises(InputError, match="not a readable part file"):
         read_rows(path, te, SETTINGS)
 

@@ -1,0 +1,66 @@
+"""YAML 1.2, as configuration is written: numbers are numbers; no duplicate keys, no endless aliases, no objects."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import yaml
+
+#: Values that a YAML file may hold, each as often as aliases name it.
+MOST_VALUES = 1_000_000
+
+
+class Loader(yaml.SafeLoader):
+    """The core schema of YAML 1.2 (section 10.3.2 of its specification), and no duplicate keys.
+
+    PyYAML reads YAML 1.1, where 0600 is 384, 1:30 is 90, 1e-3 is text, `no` is false and 2026-01-01 a date.
+    """
+
+    yaml_implicit_resolvers: dict[Any, Any] = {}
+
+
+def _mapping(loader: Loader, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+    keys = [loader.construct_object(key, deep=True) for key, _ in node.value]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", node.start_mark)
+    return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
+
+
+def _integer(loader: Loader, node: yaml.ScalarNode) -> int:
+    text = loader.construct_scalar(node)
+    return int(text, {"0o": 8, "0x": 16}.get(text[:2], 10))
+
+
+_INTEGER = r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+"
+_FLOAT = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"
+for _tag, _pattern in (
+    ("null", "null|Null|NULL|~|"), ("bool", "true|True|TRUE|false|False|FALSE"), ("int", _INTEGER), ("float", _FLOAT),
+):
+    Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"^(?:{_pattern})$"), [None])
+Loader.add_constructor("tag:yaml.org,2002:int", _integer)
+Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
+
+
+def scalar(text: str) -> Any:
+    """A value given as text, on the command line, as it would be in a file: '1e-3' is a number, 'modal' stays text."""
+    loader = Loader("")
+    return loader.construct_object(yaml.ScalarNode(loader.resolve(yaml.ScalarNode, text, (True, False)), text))
+
+
+def within_reason(data: Any) -> Any:
+    """The data, if it is a tree of at most MOST_VALUES; ValueError where aliases make it more, or endless."""
+    sizes: dict[int, int] = {}
+
+    def size(value: Any) -> int:
+        if not isinstance(value, dict | list):
+            return 1
+        if id(value) not in sizes:
+            sizes[id(value)] = MOST_VALUES  # met again within itself: endless
+            sizes[id(value)] = 1 + sum(map(size, value.values() if isinstance(value, dict) else value))
+        return sizes[id(value)]
+
+    if size(data) > MOST_VALUES:
+        raise ValueError(f"more than {MOST_VALUES} values, or an alias within what it stands for")
+    return data
