@@ -24,7 +24,7 @@ from dynamics.derivatives import Moments, derivatives, moments
 from dynamics.forecast import require_members, say_members
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.linear import RESOLUTION, LinearModel, growth, margin
-from optics.files import InputError, Stopwatch, check_out, progress, run_stage
+from optics.files import InputError, Stopwatch, progress, run_stage, take_out
 from optics.parquet import read_parquet, rows_of, write_parquet
 
 Floats = NDArray[np.float64]
@@ -207,7 +207,7 @@ def main() -> None:
     parser.add_argument("--at-least", nargs="*", choices=MEASURES, default=[], help="no worse than the base in these")
     parser.add_argument("--out", required=True, help="Parquet file to write")
     given = parser.parse_args()
-    check_out(given.out)
+    take_out(given.out)
     members, cells = read_columns([given.members]), read_columns(given.cells)
     screened = rank(screen(scenes.read_scene(given.scene), members, cells), given.by, given.at_least)
     write_parquet(given.out, screened.to_parquet(index=False))

@@ -49,7 +49,8 @@ def fault(path: str | Path, needed: bool = True) -> str:
         tail = stream.read()
         found = tail.rfind(MARK)
         if found < 0 or found + LENGTH > len(tail):
-            return "is cut off, or not a file that this version of Beamrider made" if needed or found >= 0 else ""
+            none = "not whole: cut off, or not a file that this version of Beamrider made"
+            return none if needed or found >= 0 else ""
         at = size - len(tail) + found
         sums = hashlib.sha256()
         for start, stop in ((0, at), (at + LENGTH, size)):
@@ -58,7 +59,7 @@ def fault(path: str | Path, needed: bool = True) -> str:
                 sums.update(piece)
                 start += len(piece)
     same = sums.hexdigest().encode() == tail[found + len(MARK) : found + LENGTH]
-    return "" if same else "was damaged or edited after it was made (its checksum does not fit)"
+    return "" if same else "not whole: damaged or edited after it was made (its checksum does not fit)"
 
 
 def main() -> None:

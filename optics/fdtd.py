@@ -15,12 +15,14 @@ goes on where it was.
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from optics.cells import require_coherent
+from optics.checksum import fault
 from optics.command import add_table_arguments, check_range, checked
 from optics.fdtd_adaptive import adapt
 from optics.fdtd_direction import check_window, solve_direction
@@ -51,6 +53,14 @@ def solve_rows(
         rows = rows.added(u, v, result)
         write_rows(path, cell, settings, rows)
     return rows
+
+
+def set_aside(path: Path) -> None:
+    """Rename rows of an earlier run that are damaged, and say so: they are solved again."""
+    if path.exists() and (found := fault(path)):
+        aside = path.with_name(f"{path.name}.damaged")
+        path.replace(aside)
+        print(f"{path}: {found}; renamed to {aside.name}, and solved again", file=sys.stderr)
 
 
 def lacking(cell: Grating, directions: Floats, settings: FdtdSettings, path: Path) -> Floats:
@@ -136,6 +146,7 @@ def _arguments() -> argparse.Namespace:
 def _table(cell: Grating, settings: FdtdSettings, arguments: argparse.Namespace, out: Path) -> None:
     """Solve everything and write the table; the rows are kept beside it until it is written."""
     rows = out.with_name(f"{out.name}.rows.h5")
+    set_aside(rows)
     nodes: tuple[Floats, Floats, float | None]
     if arguments.nodes:
         nodes = _checked_nodes(arguments.nodes, cell)
@@ -171,6 +182,7 @@ def main() -> None:
             return
         i, n = _part(arguments.part)
         directions = block(*_checked_nodes(arguments.nodes, cell)[:2], i, n)
+        set_aside(out)
         solve_part(cell, directions, settings, out, f"part {i}/{n} of FDTD")
 
 

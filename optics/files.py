@@ -19,6 +19,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from tqdm import tqdm
 
 from optics.checksum import fault, with_checksum
+from optics.errors import InputError as InputError
+from optics.lock import claim, release
 from optics.wording import brief, describe
 from optics.yaml12 import Loader, within_reason
 from optics.yaml12 import scalar as scalar
@@ -29,10 +31,6 @@ Positive = Annotated[float, Field(ge=1e-30, le=1e30)]
 NonNegative = Annotated[float, Field(ge=0, le=1e30)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
-
-
-class InputError(ValueError):
-    """Something the user gave is wrong. The message is one line: what was given, what is allowed, what to do."""
 
 
 class Strict(BaseModel):
@@ -138,6 +136,12 @@ def check_out(path: str | Path) -> None:
         raise InputError(f"--out = {path}: no permission to write in {parent}")
 
 
+def take_out(path: str | Path) -> None:
+    """`check_out`, and be the only one who writes there until the stage ends; InputError names who does."""
+    check_out(path)
+    claim(path)
+
+
 def write_json(path: str | Path, data: Mapping[str, Any]) -> None:
     """`data` as readable JSON with a checksum, atomically. NaN is refused."""
     text = json.dumps(data, indent=1, allow_nan=False) + "\n"
@@ -233,7 +237,10 @@ def progress(items: Iterable[Any], what: str, total: int | None = None, unit: st
 
 
 def run_stage(main: Callable[[], None]) -> None:
-    """Run a stage's `main`; an InputError or a failing disk becomes one line on standard error and exit code 2."""
+    """Run a stage's `main`; an InputError or a failing disk becomes one line on standard error and exit code 2.
+
+    Outputs that it was the only writer of are others' to write when it ends.
+    """
     try:
         main()
     except InputError as error:
@@ -246,6 +253,8 @@ def run_stage(main: Callable[[], None]) -> None:
         said = str(error.strerror or error).splitlines()[0]
         print(f"error: {error.filename or 'input or output'}: {said}", file=sys.stderr)
         raise SystemExit(2) from None
+    finally:
+        release()
 
 
 class Stopwatch:
@@ -268,11 +277,12 @@ class Stopwatch:
 def finish(path: str | Path, watch: Stopwatch, said: str, notes: Iterable[str] = ()) -> None:
     """Say on standard output, in one line, what a stage made: file, how it ended, size, time, and any notes.
 
-    `said`: the end reason, verdict or count. The file is on the disk.
+    `said`: the end reason, verdict or count. The file is on the disk, and others may write it again.
     """
     size = amount(Path(path).stat().st_size, "B")
     line = f"{path}: {said} ({size}, {watch.seconds:.3g} s, {watch.cpu_seconds:.3g} s of CPU)"
     print("; ".join(" ".join(part.split()) for part in (line, *notes) if part))
+    release(path)
 
 
 def amount(value: float, unit: str) -> str:

@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from optics.cells import Metagrating, as_stack, require_coherent
 from optics.derivatives import derivatives
-from optics.files import InputError, check_out, progress, read_lines, reading, run_stage, validate
+from optics.files import InputError, progress, read_lines, reading, run_stage, take_out, validate
 from optics.incidence import Floats
 from optics.lamellar import solve
 from optics.limit import without_limit
@@ -141,7 +141,7 @@ def _block(text: str) -> tuple[int, int]:
 def main() -> None:
     """Response of grating cells around normal incidence."""
     given = _arguments()
-    check_out(given.out)
+    take_out(given.out)
     if given.order < 1:
         raise InputError(f"--order = {given.order}: must be at least 1")
     cells = read_cells(given.cells, *_block(given.block))

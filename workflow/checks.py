@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from dynamics.floquet import distance
-from optics.files import InputError, Stopwatch, check_out, finish, read_json, run_stage, write_json
+from optics.files import InputError, Stopwatch, finish, read_json, run_stage, take_out, write_json
 from optics.table import PressureTable
 
 LARGEST, NEARLY_ALL, MULTIPLIERS, ABSORPTANCE = 0.015, 0.0075, 1e-2, 0.03
@@ -72,7 +72,7 @@ def main() -> None:
         parser.add_argument(f"--{name}", nargs="*", default=[], type=Path, help="as many, in the same order")
     parser.add_argument("--out", required=True, type=Path, help="JSON to write; none where a check fails")
     given = parser.parse_args()
-    check_out(given.out)
+    take_out(given.out)
     pairs = [(table_checks, given.modal, given.fdtd), (multiplier_checks, given.floquet, given.floquet_fdtd)]
     if any(len(modal) != len(fdtd) for _, modal, fdtd in pairs):
         raise InputError("--modal and --fdtd, --floquet and --floquet-fdtd: must be as many of the one as of the other")

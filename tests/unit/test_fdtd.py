@@ -367,7 +367,7 @@ def test_rows_of_another_cell_or_other_settings_are_not_kept(te, tm, tmp_path):
     with pytest.raises(InputError, match="other 'settings'"):
         read_rows(path, te, FdtdSettings(tolerance=1e-3))
     path.write_bytes(b"torn")
-    with pytest.raises(InputError, match="is cut off"):
+    with pytest.raises(InputError, match="not whole: cut off"):
         read_rows(path, te, SETTINGS)
     append_checksum(path)
     with pytest.raises(InputError, match="not a readable part file"):

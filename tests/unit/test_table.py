@@ -114,7 +114,7 @@ def test_truncated_foreign_and_edited_files_are_refused_with_the_reason(tmp_path
     _table().write(path)
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(InputError, match="is cut off"):
+    with pytest.raises(InputError, match="not whole: cut off"):
         PressureTable.read(path)
     path.write_bytes(b"not HDF5")
     append_checksum(path)
