@@ -25,9 +25,9 @@ from pydantic import Field
 
 from dynamics import scene as scenes
 from dynamics.command import finish, stage_arguments
-from dynamics.forecast import require_cells, say_basin
+from dynamics.forecast import require_cells, require_flights, say_basin
 from dynamics.kernels import flight as kernel
-from dynamics.rigid import REASONS, terms_of
+from dynamics.rigid import REASONS, pace, terms_of
 from dynamics.rigid_body import RigidBody, rigid_body
 from dynamics.sail import load_tables, provenance
 from optics.compiling import compiling
@@ -116,9 +116,10 @@ def fly_cells(scene: scenes.Scene, tables: dict[str, PressureTable], grid: Grid,
     scene, chosen = limited(scene, grid), np.array(list(cells), dtype=np.int64)
     body = rigid_body(scene, tables)
     _outcome(body, scene.model_copy(update={"rigid": scene.rigid.model_copy(update={"most_steps": 1})}), scene.release)
-    begin = time.process_time()  # everything is compiled
     # In an order without order, so that the first flights are like the rest, and say how long it will take
     order = np.random.default_rng(0).permutation(chosen.size)
+    _require_pace(body, scene, grid, chosen[order])
+    begin = time.process_time()  # everything is compiled
     rows = np.empty((chosen.size, len(COLUMNS)))
     for i, place in enumerate(progress(order, f"basin {scene.name}", total=chosen.size, unit="flight")):
         rows[place] = _outcome(body, scene, grid.release(int(chosen[place]), scene.release.spin_Hz))
@@ -126,6 +127,16 @@ def fly_cells(scene: scenes.Scene, tables: dict[str, PressureTable], grid: Grid,
             say_basin(scene, chosen.size, (time.process_time() - begin) / (i + 1))
     columns = rows.T.copy()
     return Basin(chosen, dict(zip(COLUMNS, columns, strict=True)), time.process_time() - begin)
+
+
+def _require_pace(body: RigidBody, scene: scenes.Scene, grid: Grid, cells: NDArray[np.int64]) -> None:
+    """InputError where a map would take too long whose flights go on as the first of them begin."""
+    terms, seconds = terms_of(scene, body.units), []
+    for cell in cells[:TRIALS]:
+        start = body.start(grid.release(int(cell), scene.release.spin_Hz))
+        steps, each = pace(body, terms, kernel.start(start, terms.rows.size))
+        seconds.append(each * min(1.0, scene.rigid.most_steps / steps))
+    require_flights(scene, cells.size, float(np.mean(seconds)))
 
 
 def _outcome(body: RigidBody, scene: scenes.Scene, release: scenes.Release) -> list[float]:

@@ -21,8 +21,8 @@ from tqdm import tqdm
 from optics.checksum import fault, with_checksum
 from optics.errors import InputError as InputError
 from optics.lock import claim, release
-from optics.wording import brief, describe
-from optics.yaml12 import Loader, within_reason
+from optics.wording import brief, describe, shortened
+from optics.yaml12 import MOST_BYTES, Loader, within_reason
 from optics.yaml12 import scalar as scalar
 
 # Field types of the configuration: wide enough for everything, narrow enough for every number that follows to be one.
@@ -30,7 +30,8 @@ Number = Annotated[float, Field(ge=-1e30, le=1e30)]
 Positive = Annotated[float, Field(ge=1e-30, le=1e30)]
 NonNegative = Annotated[float, Field(ge=0, le=1e30)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+# Part of the names of files: not of a folder above, nor a hidden one, nor an option of a command.
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=100)]
 
 
 class Strict(BaseModel):
@@ -59,7 +60,12 @@ def load_yaml(path: str | Path) -> Any:
     require_whole(path, needed=False)
     try:
         with open(path, encoding="utf-8") as stream:
-            return within_reason(yaml.load(stream, Loader=Loader))
+            text = stream.read(MOST_BYTES + 1)
+        if len(text) > MOST_BYTES:
+            raise InputError(f"{path}: must be of at most {MOST_BYTES:,} characters")
+        return within_reason(yaml.load(text, Loader=Loader))
+    except InputError:
+        raise
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -67,7 +73,7 @@ def load_yaml(path: str | Path) -> Any:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"{path}, line {mark.line + 1}" if mark else str(path)
-        said = " ".join(str(getattr(error, "problem", None) or error).split())
+        said = " ".join(str(getattr(error, "problem", None) or error).split())[:150]
         raise InputError(f"{where}: not valid YAML: {said}") from None
     except RecursionError:
         raise InputError(f"{path}: not valid YAML: nested too deeply") from None
@@ -158,15 +164,16 @@ def read_json(path: str | Path, needed: bool = True) -> dict[str, Any]:
         raise InputError(f"{path}: not a readable JSON file ({one_line(error)})") from None
     if not isinstance(data, dict):
         raise InputError(f"{path}: must be a mapping of keys to values; it is {brief(data)}")
-    data.pop("checksum", None)
+    if data.pop("checksum", None) is not None:
+        require_whole(path)  # also where the checksum itself is damaged
     return data
 
 
 def write_lines(path: str | Path, rows: Iterable[Mapping[str, Any]]) -> None:
-    """Mappings as JSON, one a line, and a checksum in the last one, atomically."""
+    """Mappings as JSON, one a line, after a line of their checksum, atomically."""
     text = "".join(f"{json.dumps(row, allow_nan=False)}\n" for row in rows)
     with atomic(path) as temporary:
-        temporary.write_bytes(with_checksum(text.encode(), before=b'{"checksum": "', after=b'"}\n'))
+        temporary.write_bytes(with_checksum(text.encode(), 0, b'{"checksum": "', b'"}\n'))
 
 
 def read_lines(path: str | Path) -> list[str]:
@@ -174,7 +181,10 @@ def read_lines(path: str | Path) -> list[str]:
     require_whole(path, needed=False)
     with reading(path, "readable text"):
         lines = Path(path).read_text(encoding="utf-8").splitlines()
-    return lines[:-1] if lines and lines[-1].startswith('{"checksum": ') else lines
+    if not (lines and lines[0].startswith('{"checksum": ')):
+        return lines
+    require_whole(path)  # also where the checksum itself is damaged
+    return lines[1:]
 
 
 def whole(path: str | Path, needed: bool = True) -> str:
@@ -244,7 +254,7 @@ def run_stage(main: Callable[[], None]) -> None:
     try:
         main()
     except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {shortened(str(error))}", file=sys.stderr)
         raise SystemExit(2) from None
     except KeyboardInterrupt:
         print("interrupted; the same command begins again, or goes on where a stage keeps what it has", file=sys.stderr)

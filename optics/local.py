@@ -100,6 +100,8 @@ def normal_response(
 def read_cells(path: str | Path, block: int = 1, blocks: int = 1) -> list[tuple[int, Metagrating]]:
     """Cells of a block, with their numbers; InputError names the line that holds none."""
     lines, out = read_lines(path), []
+    if not lines:
+        raise InputError(f"{path}: must hold a cell a line; it is empty")
     for number in range(block - 1, len(lines), blocks):
         with reading(f"{path}, line {number + 1}", "JSON"):
             data = json.loads(lines[number])

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Hashable
 from typing import Any
 
 import yaml
 
+from optics.wording import brief
+
 #: Values that a YAML file may hold, each as often as aliases name it.
 MOST_VALUES = 1_000_000
+#: Characters of a whole number; bytes of a file, which take some seconds to read; levels of lists and mappings.
+MOST_DIGITS, MOST_BYTES, MOST_LEVELS = 400, 1_000_000, 100
+TOO_DEEP = f"nested too deeply, more than {MOST_LEVELS} levels"
 
 
 class Loader(yaml.SafeLoader):
@@ -18,18 +24,35 @@ class Loader(yaml.SafeLoader):
     """
 
     yaml_implicit_resolvers: dict[Any, Any] = {}
+    level = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """A node and all below it; ConstructorError, in time, where that is too deep."""
+        if self.level == MOST_LEVELS:
+            mark = self.peek_event().start_mark
+            raise yaml.constructor.ConstructorError(None, None, TOO_DEEP, mark)
+        self.level += 1
+        node = super().compose_node(parent, index)
+        self.level -= 1
+        return node
 
 
 def _mapping(loader: Loader, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-    keys = [loader.construct_object(key, deep=True) for key, _ in node.value]
-    for key in keys:
-        if keys.count(key) > 1:
-            raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", node.start_mark)
+    seen = set()
+    keys = (loader.construct_object(key, deep=True) for key, _ in node.value)
+    for key in (key for key in keys if isinstance(key, Hashable)):
+        if key in seen:
+            said = f"key '{brief(key).strip(chr(34))}' is given twice"
+            raise yaml.constructor.ConstructorError(None, None, said, node.start_mark)
+        seen.add(key)
     return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
 
 
 def _integer(loader: Loader, node: yaml.ScalarNode) -> int:
     text = loader.construct_scalar(node)
+    if len(text) > MOST_DIGITS:
+        said = f"a number of {len(text)} digits: must have at most {MOST_DIGITS}"
+        raise yaml.constructor.ConstructorError(None, None, said, node.start_mark)
     return int(text, {"0o": 8, "0x": 16}.get(text[:2], 10))
 
 
@@ -50,15 +73,18 @@ def scalar(text: str) -> Any:
 
 
 def within_reason(data: Any) -> Any:
-    """The data, if it is a tree of at most MOST_VALUES; ValueError where aliases make it more, or endless."""
+    """The data, if it is a tree of at most MOST_VALUES, MOST_LEVELS deep; ValueError where it is more, or endless."""
     sizes: dict[int, int] = {}
 
-    def size(value: Any) -> int:
+    def size(value: Any, level: int = 0) -> int:
         if not isinstance(value, dict | list):
             return 1
+        if level == MOST_LEVELS:
+            raise ValueError(TOO_DEEP)
         if id(value) not in sizes:
             sizes[id(value)] = MOST_VALUES  # met again within itself: endless
-            sizes[id(value)] = 1 + sum(map(size, value.values() if isinstance(value, dict) else value))
+            parts = value.values() if isinstance(value, dict) else value
+            sizes[id(value)] = 1 + sum(size(part, level + 1) for part in parts)
         return sizes[id(value)]
 
     if size(data) > MOST_VALUES:

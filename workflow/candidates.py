@@ -56,7 +56,7 @@ def write(folder: Path, family: Family, base: Scene, screened: pd.DataFrame, cel
             with atomic(folder / str(place) / f"{name}.yaml") as temporary:
                 head = HEADER.format(number=number, family=family.name, rank=int(member["rank"]))
                 text = head + yaml.safe_dump(data, sort_keys=False)
-                temporary.write_bytes(with_checksum(text.encode(), before=b"# "))
+                temporary.write_bytes(with_checksum(text.encode(), 0, b"# "))
 
 
 def main() -> None:

@@ -106,7 +106,7 @@ def main() -> None:
     with atomic(given.out) as temporary:
         # JSON is YAML
         data = as_flown(scene, flights[scene.name]).model_dump(exclude_none=True)
-        temporary.write_bytes(with_checksum(f"{json.dumps(data, indent=1)}\n".encode(), before=b"# "))
+        temporary.write_bytes(with_checksum(f"{json.dumps(data, indent=1)}\n".encode(), 0, b"# "))
     finish(given.out, watch, f"scene {scene.name} as it is flown")
 
 
