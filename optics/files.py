@@ -252,19 +252,27 @@ def run_stage(main: Callable[[], None]) -> None:
     Outputs that it was the only writer of are others' to write when it ends.
     """
     try:
-        main()
-    except InputError as error:
-        print(f"error: {shortened(str(error))}", file=sys.stderr)
-        raise SystemExit(2) from None
-    except KeyboardInterrupt:
-        print("interrupted; the same command begins again, or goes on where a stage keeps what it has", file=sys.stderr)
-        raise SystemExit(130) from None
-    except OSError as error:
-        said = str(error.strerror or error).splitlines()[0]
-        print(f"error: {error.filename or 'input or output'}: {said}", file=sys.stderr)
-        raise SystemExit(2) from None
+        said, code = _ended(main)  # with what was raised its bar of progress is gone from the line
+        if code:
+            print(said, file=sys.stderr)
+            raise SystemExit(code)
     finally:
         release()
+
+
+def _ended(main: Callable[[], None]) -> tuple[str, int]:
+    """What is to be said of how a stage ended, and its exit code."""
+    try:
+        main()
+    except InputError as error:
+        return f"error: {shortened(str(error))}", 2
+    except KeyboardInterrupt:
+        return "interrupted; the same command begins again, or goes on where a stage keeps what it has", 130
+    except MemoryError as error:
+        return f"error: memory: not enough on this machine for what was asked for ({one_line(error)})", 2
+    except OSError as error:
+        return f"error: {error.filename or 'input or output'}: {str(error.strerror or error).splitlines()[0]}", 2
+    return "", 0
 
 
 class Stopwatch:

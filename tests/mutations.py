@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import functools
 import json
+import math
 import operator
 import re
 import resource
@@ -32,8 +33,8 @@ from tests.damage import edited
 from tests.hard.test_wording import places
 from tests.processes import fork
 
-#: Seconds in which everything must have been said, and bytes that a process may take.
-LONGEST, MEMORY = 20, 6 << 30
+#: CPU seconds in which everything must have been said, wall seconds on a busy machine, bytes that a process may take.
+LONGEST, PATIENCE, MEMORY = 20, 300, 6 << 30
 #: What a stage may say beside its one line: its forecast, what it compiles, its bar of progress.
 OTHER = re.compile(r"\| \d+/\d+ \[|free\), about |^compiling, |it/s\]|\?it/s|^$")
 
@@ -169,8 +170,8 @@ class Outcome:
     def fault(self, names: tuple[str, ...], most: int = 700) -> str:
         """What is wrong with what became of an input that is one of `names` in messages; '' for nothing."""
         last = self.said[-1][:300] if self.said else ""
-        if self.code == -signal.SIGALRM:
-            return f"not done in {LONGEST} s; {last}"
+        if self.code in (-signal.SIGALRM, -signal.SIGXCPU, -signal.SIGKILL):
+            return f"not done in {LONGEST} s: {last}"
         if self.code not in (0, 2, 3):
             return f"exit code {self.code}: {last}"
         if self.code != 2:
@@ -186,7 +187,9 @@ def outcome(main: Callable[[], None], arguments: list[str], solvers: list[tuple[
     """Run a stage in a process of its own up to its solvers, given as owners and names."""
 
     def prepare() -> None:
-        signal.alarm(LONGEST)
+        signal.alarm(PATIENCE)
+        spent = math.ceil(time.process_time())
+        resource.setrlimit(resource.RLIMIT_CPU, (spent + LONGEST, spent + LONGEST + 1))
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
         for owner, name in solvers:
             setattr(owner, name, reached)
