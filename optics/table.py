@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +22,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from optics.files import InputError, one_line, reading, require_whole
+from optics.files import InputError, reading, require_whole
 from optics.film_table import FIELDS as FIELDS_OF_FILM
 from optics.film_table import LOSSES, PRESSURE, Film, from_rows, with_film
 from optics.hdf5 import write_hdf5
@@ -31,6 +32,7 @@ from optics.patches import Values, make_patches
 from optics.section import Section, cross_section
 from optics.strips import Curves, lay_out, no_curves
 from optics.tracks import Resonances, without
+from optics.wording import brief
 
 SCHEMA = 2
 COMPONENTS = ("g", "r", "n")
@@ -361,23 +363,23 @@ class PressureTable:
         if not os.path.exists(path):
             raise InputError(f"{path}: no such pressure table; make it with optics.modal, fdtd or thin_film")
         require_whole(path)
-        with (
-            reading(path, "a readable HDF5 table"),
-            xr.open_dataset(path, engine="h5netcdf", decode_cf=False, driver_kwds=_UNLOCKED) as data,
-        ):
-            data.load()
+        with reading(path, "a readable HDF5 table"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of netCDF about data of other programs, which are refused below
+            with xr.open_dataset(path, engine="h5netcdf", decode_cf=False, driver_kwds=_UNLOCKED) as data:
+                data.load()
         for name in _REQUIRED:
             if name not in data.variables:
                 raise InputError(f"{path}: not a pressure table: '{name}' is missing")
         if str(data.attrs.get("schema")) != str(SCHEMA):
-            raise InputError(f"{path}: schema = {data.attrs.get('schema')}: must be {SCHEMA}; make the table again")
-        try:
-            table = cls._from_dataset(data)
-        except InputError as refusal:
-            raise InputError(f"{path}: {refusal}") from None
-        except (KeyError, ValueError, TypeError) as refusal:
-            raise InputError(f"{path}: not a pressure table ({one_line(refusal)})") from None
-        if table.digest != data.attrs.get("digest"):
+            given = brief(data.attrs.get("schema"))
+            raise InputError(f"{path}: schema = {given}: must be {SCHEMA}; make the table again")
+        with reading(path, "a pressure table"):
+            try:
+                table = cls._from_dataset(data)
+            except InputError as refusal:
+                raise InputError(f"{path}: {refusal}") from None
+            digest = table.digest
+        if digest != str(data.attrs.get("digest")):
             raise InputError(f"{path}: it was changed after it was made (digest differs); make it again")
         return table
 

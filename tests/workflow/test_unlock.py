@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from dynamics.scene import Scene, read_scene
+from optics.compiled import VARIABLE
 from optics.errors import InputError
 from tests.hard.test_bad_days import content
 from tests.membranes import altered
@@ -92,20 +93,23 @@ def snake(*more: str) -> list[str]:
     return [sys.executable, "-B", "-m", "snakemake", *profile, "--cores", "2", *more]
 
 
+def surroundings(folder: Path) -> dict[str, str]:
+    """Modules are those of the folder, and machine code, of the same sources, that of this project."""
+    return {**os.environ, "PYTHONPATH": str(folder), VARIABLE: str(ROOT / "__pycache__")}
+
+
 def start(folder: Path) -> subprocess.Popen[str]:
-    clean = {**os.environ, "PYTHONPATH": str(folder)}
     return subprocess.Popen(
-        snake("--config", "fdtd=false", "--", FLIGHT), cwd=folder, env=clean, stdout=subprocess.PIPE,
+        snake("--config", "fdtd=false", "--", FLIGHT), cwd=folder, env=surroundings(folder), stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT, text=True, start_new_session=True,
     )
 
 
 def make(folder: Path) -> tuple[int, str]:
     """As `make results`: unlock, then Snakemake."""
-    clean = {**os.environ, "PYTHONPATH": str(folder)}
+    command = [sys.executable, "-m", "workflow.unlock", *snake("--unlock", "--config", "fdtd=false")]
     done = subprocess.run(
-        [sys.executable, "-m", "workflow.unlock", *snake("--unlock", "--config", "fdtd=false")], cwd=folder, env=clean,
-        capture_output=True, text=True, check=False,
+        command, cwd=folder, env=surroundings(folder), capture_output=True, text=True, check=False,
     )
     if done.returncode:
         return done.returncode, done.stderr
