@@ -75,10 +75,10 @@ def test_locks_of_another_host_stay(locked: Path):
 FLIGHT, TABLE = "results/scenes/own/flight.vtkhdf", "results/tables/si43/thin_film.h5"
 
 
-@pytest.fixture
-def project(tmp_path: Path) -> Path:
-    """A copy of the project with a scene of films that flies for some seconds."""
-    folder = _copy(tmp_path / "project")
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the project, which compiles its own machine code, with a scene of films that flies for some seconds."""
+    folder = _copy(tmp_path_factory.mktemp("project"))
     scene = read_scene(ROOT / "workflow/scenes/fig6.yaml").model_dump()
     for sector in scene["sail"]["sectors"]:
         sector["design"] = "si43"
@@ -94,8 +94,8 @@ def snake(*more: str) -> list[str]:
 
 
 def surroundings(folder: Path) -> dict[str, str]:
-    """Modules are those of the folder, and machine code, of the same sources, that of this project."""
-    return {**os.environ, "PYTHONPATH": str(folder), VARIABLE: str(ROOT / "__pycache__")}
+    """Modules, and their machine code, are those of the folder."""
+    return {**{key: value for key, value in os.environ.items() if key != VARIABLE}, "PYTHONPATH": str(folder)}
 
 
 def start(folder: Path) -> subprocess.Popen[str]:
@@ -128,14 +128,19 @@ def flying(folder: Path) -> int:
     return int(re.findall(r"process (\d+) on", said)[0])
 
 
-@pytest.fixture
-def whole(project: Path) -> dict[str, object]:
-    """What a quiet run makes; then all is gone again but the table and the machine code."""
+@pytest.fixture(scope="module")
+def quiet(project: Path) -> dict[str, object]:
+    """What a quiet run makes."""
     code, said = make(project)
     assert code == 0, said
-    found = {name: content(project / name) for name in (TABLE, FLIGHT)}
+    return {name: content(project / name) for name in (TABLE, FLIGHT)}
+
+
+@pytest.fixture
+def whole(project: Path, quiet: dict[str, object]) -> dict[str, object]:
+    """The same, all of which is there but the flight."""
     (project / FLIGHT).unlink()
-    return found
+    return quiet
 
 
 def ends_as(project: Path, whole: dict[str, object]) -> None:
