@@ -133,15 +133,10 @@ def require_cells(cells: int, blocks: int, given: str) -> None:
     )
 
 
-def require_flights(scene: Scene, cells: int, each: float) -> None:
-    """InputError where a map of so many flights of `each` s would take too long."""
-    fewer = "map fewer releases, or fly them in blocks"
-    require_time(cells * each, f"{scene.name}: {cells:,} flights", cells, fewer, "flights")
-
-
 def say_basin(scene: Scene, cells: int, each: float) -> None:
     """The forecast of a map of so many flights of `each` s, as `say_rigid`."""
-    require_flights(scene, cells, each)
+    fewer = "map fewer releases, or fly them in blocks"
+    require_time(cells * each, f"{scene.name}: {cells:,} flights", cells, fewer, "flights")
     _say(scene, f"{cells:,} flights", PROCESS + cells * A_CELL, cells * each)
 
 
