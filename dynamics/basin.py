@@ -32,7 +32,7 @@ from dynamics.rigid_body import RigidBody, rigid_body
 from dynamics.sail import load_tables, provenance
 from optics.compiling import compiling
 from optics.files import InputError, Number, Positive, Strict, progress, read_model, reading, run_stage, versions
-from optics.hdf5 import new_hdf5, read_hdf5
+from optics.hdf5 import new_hdf5, read_hdf5, real
 from optics.table import PressureTable
 
 Floats = NDArray[np.float64]
@@ -198,8 +198,10 @@ def _read_block(path: str | Path, key: str) -> Basin:
     with reading(path, "a readable block of a basin map"), read_hdf5(path) as file:
         if file.attrs.get("key") != key:
             raise InputError(f"{path}: belongs to another scene, grid or tables; make it again")
-        columns = {name: np.asarray(file[name], float).ravel() for name in COLUMNS}
-        return Basin(np.asarray(file["cell"], np.int64), columns, float(file.attrs["cpu_seconds"]))
+        columns, cells = {name: real(file[name]).ravel() for name in COLUMNS}, real(file["cell"]).astype(np.int64)
+        if any(values.shape != cells.shape for values in columns.values()):
+            raise ValueError("columns of other lengths than the cells")
+        return Basin(cells, columns, float(file.attrs["cpu_seconds"]))
 
 
 def _block(text: str | None) -> tuple[int, int]:

@@ -14,7 +14,7 @@ from scipy.interpolate import Akima1DInterpolator, BarycentricInterpolator
 from optics.fdtd_grid import TABLE, FdtdSettings, step_of_time
 from optics.fdtd_medium import fit_error
 from optics.files import InputError, Strict, reading, versions
-from optics.hdf5 import new_hdf5, read_hdf5
+from optics.hdf5 import new_hdf5, read_hdf5, real
 from optics.incidence import Floats, cutoffs
 from optics.outline import Grating
 from optics.promise import promised
@@ -118,7 +118,7 @@ def read_rows(path: Path, cell: Grating, settings: Strict) -> Rows:
     if not path.exists():
         raise InputError(f"{path}: no such part file; make it with python -m optics.fdtd --part")
     with reading(path, "a readable part file"), read_hdf5(path) as file:
-        values = np.stack([np.asarray(file[name], float) for name in _COLUMNS], axis=-1).reshape(-1, len(_COLUMNS))
+        values = np.stack([real(file[name]) for name in _COLUMNS], axis=-1).reshape(-1, len(_COLUMNS))
         stamp = {name: str(file.attrs.get(name)) for name in ("cell", "settings")}
     for name, text in _stamp(cell, settings).items():
         if stamp[name] != text:

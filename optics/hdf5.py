@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
+import numpy as np
+from numpy.typing import NDArray
 
 from optics.checksum import with_checksum
 from optics.files import atomic, require_whole
@@ -21,6 +23,13 @@ def read_hdf5(path: str | Path) -> h5py.File:
     """The HDF5 file at `path`, open for reading; InputError where it is damaged."""
     require_whole(path)
     return h5py.File(path, "r", locking=False)
+
+
+def real(data: h5py.Dataset) -> NDArray[np.float64]:
+    """The real numbers of a dataset; TypeError where it holds others, or none."""
+    if data.dtype.kind not in "fiu":
+        raise TypeError(f"{data.name} must hold real numbers")
+    return np.asarray(data, float)
 
 
 def write_hdf5(path: str | Path, content: bytes | memoryview) -> None:

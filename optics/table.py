@@ -388,6 +388,8 @@ class PressureTable:
         """The table in a data set; KeyError, ValueError or TypeError where something is missing or no number."""
 
         def numbers(*names: str) -> list[Floats]:
+            if wrong := [name for name in names if data[name].dtype.kind not in "fiu"]:
+                raise TypeError(f"{wrong[0]} must hold real numbers")
             return [np.asarray(data[name].values, float) for name in names]
 
         attrs = {key: _decode(value) for key, value in data.attrs.items() if key not in ("schema", "digest")}
