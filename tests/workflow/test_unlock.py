@@ -82,7 +82,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scene = read_scene(ROOT / "workflow/scenes/fig6.yaml").model_dump()
     for sector in scene["sail"]["sectors"]:
         sector["design"] = "si43"
-    flight = {"duration_s": 0.1, "checkpoint_every_s": 0.1, "snapshot_every_s": 0.01}
+    flight = {"duration_s": 0.3, "checkpoint_every_s": 0.1, "snapshot_every_s": 0.01}
     own = altered(Scene.model_validate({**scene, "name": "own"}), sail={"rings": 12}, flight=flight)
     (folder / "workflow/scenes/own.yaml").write_text(own.model_dump_json(exclude_none=True), encoding="utf-8")
     return folder
@@ -155,12 +155,12 @@ def ends_as(project: Path, whole: dict[str, object]) -> None:
 def test_snakemake_is_killed_and_its_job_lives_on(project: Path, whole: dict[str, object]):
     process = start(project)
     job = flying(project)
+    os.kill(job, signal.SIGSTOP)
     code, said = make(project)
     assert (code, said.count("\n")) == (2, 1)
     assert f"results are being made here by process {process.pid}; wait" in said
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
-    os.kill(job, signal.SIGSTOP)
     code, said = make(project)
     assert code == 1
     assert "locked by a Snakemake that is no more; unlocked" in said
