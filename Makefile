@@ -33,7 +33,9 @@ export XDG_CACHE_HOME := $(CURDIR)/.cache
 endif
 endif
 
+# A Snakemake that was killed leaves its locks, which are taken off where none lives that could hold them.
 results: setup
+	@$(BIN)/python -m workflow.unlock $(SNAKEMAKE) --unlock
 	$(SNAKEMAKE)
 	@if [ ! -e $(REPORT) ] || [ -n "$$(find results workflow/report -type f -newer $(REPORT) -print -quit)" ]; then \
 		$(SNAKEMAKE) --quiet --report results/.new.html && mv results/.new.html $(REPORT); fi

@@ -27,12 +27,12 @@ from dynamics import scene as scenes
 from dynamics.command import finish, stage_arguments
 from dynamics.forecast import require_cells, say_basin
 from dynamics.kernels import flight as kernel
-from dynamics.rigid import REASONS, terms_of
+from dynamics.rigid import REASONS, pace, terms_of
 from dynamics.rigid_body import RigidBody, rigid_body
 from dynamics.sail import load_tables, provenance
 from optics.compiling import compiling
-from optics.files import InputError, Number, Positive, Strict, progress, read_model, run_stage, versions
-from optics.hdf5 import new_hdf5, read_hdf5
+from optics.files import InputError, Number, Positive, Strict, progress, read_model, reading, run_stage, versions
+from optics.hdf5 import new_hdf5, read_hdf5, real
 from optics.table import PressureTable
 
 Floats = NDArray[np.float64]
@@ -116,16 +116,26 @@ def fly_cells(scene: scenes.Scene, tables: dict[str, PressureTable], grid: Grid,
     scene, chosen = limited(scene, grid), np.array(list(cells), dtype=np.int64)
     body = rigid_body(scene, tables)
     _outcome(body, scene.model_copy(update={"rigid": scene.rigid.model_copy(update={"most_steps": 1})}), scene.release)
-    begin = time.process_time()  # everything is compiled
-    # In an order without order, so that the first flights are like the rest, and say how long it will take
+    # In an order without order, so that the first flights are like the rest, and say before how long it will take
     order = np.random.default_rng(0).permutation(chosen.size)
+    if chosen.size:
+        _foresee(body, scene, grid, chosen[order])
+    begin = time.process_time()  # everything is compiled
     rows = np.empty((chosen.size, len(COLUMNS)))
-    for i, place in enumerate(progress(order, f"basin {scene.name}", total=chosen.size, unit="flight")):
+    for place in progress(order, f"basin {scene.name}", total=chosen.size, unit="flight"):
         rows[place] = _outcome(body, scene, grid.release(int(chosen[place]), scene.release.spin_Hz))
-        if i + 1 == min(TRIALS, chosen.size):
-            say_basin(scene, chosen.size, (time.process_time() - begin) / (i + 1))
     columns = rows.T.copy()
     return Basin(chosen, dict(zip(COLUMNS, columns, strict=True)), time.process_time() - begin)
+
+
+def _foresee(body: RigidBody, scene: scenes.Scene, grid: Grid, cells: NDArray[np.int64]) -> None:
+    """The forecast of a map whose flights go on to the end as the first of them begin; InputError where too long."""
+    terms, seconds = terms_of(scene, body.units), []
+    for cell in cells[:TRIALS]:
+        start = body.start(grid.release(int(cell), scene.release.spin_Hz))
+        steps, each = pace(body, terms, kernel.start(start, terms.rows.size))
+        seconds.append(each * min(1.0, scene.rigid.most_steps / steps))
+    say_basin(scene, cells.size, float(np.mean(seconds)))
 
 
 def _outcome(body: RigidBody, scene: scenes.Scene, release: scenes.Release) -> list[float]:
@@ -185,14 +195,13 @@ def merge(paths: Iterable[str | Path], scene: scenes.Scene, tables: dict[str, Pr
 
 
 def _read_block(path: str | Path, key: str) -> Basin:
-    try:
-        with read_hdf5(path) as file:
-            if file.attrs.get("key") != key:
-                raise InputError(f"{path}: belongs to another scene, grid or tables; make it again")
-            columns = {name: file[name][()].ravel() for name in COLUMNS}
-            return Basin(file["cell"][()], columns, float(file.attrs["cpu_seconds"]))
-    except (OSError, KeyError) as error:
-        raise InputError(f"{path}: not a readable block of a basin map ({error})") from None
+    with reading(path, "a readable block of a basin map"), read_hdf5(path) as file:
+        if file.attrs.get("key") != key:
+            raise InputError(f"{path}: belongs to another scene, grid or tables; make it again")
+        columns, cells = {name: real(file[name]).ravel() for name in COLUMNS}, real(file["cell"]).astype(np.int64)
+        if any(values.shape != cells.shape for values in columns.values()):
+            raise ValueError("columns of other lengths than the cells")
+        return Basin(cells, columns, float(file.attrs["cpu_seconds"]))
 
 
 def _block(text: str | None) -> tuple[int, int]:

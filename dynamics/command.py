@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from optics.files import Stopwatch, check_out
+from optics.files import Stopwatch, take_out
 from optics.files import finish as finish  # every stage ends with it
 
 TABLES = "pressure table of each design of the scene"
@@ -29,6 +29,6 @@ def stage_arguments(
     for name, text in (options or {}).items():
         parser.add_argument(name, **({"help": text} if isinstance(text, str) else text))
     arguments = parser.parse_args()
-    check_out(arguments.out)
+    take_out(arguments.out)
     arguments.watch = Stopwatch()
     return arguments

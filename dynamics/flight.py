@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from dynamics.attitude import angles_from_rotation
 from dynamics.kernels.record import COLUMNS
 from dynamics.mesh import Floats, Mesh
+from optics.checksum import append_checksum
 from optics.files import atomic
 from optics.hdf5 import new_hdf5
 from optics.made import as_attribute
@@ -179,6 +180,7 @@ def write_flight(
     with atomic(path) as temporary:
         reserve(temporary, size + size // 8 + 100 * len(mesh.triangles) + 500_000)
         _write_flight(temporary, mesh, frames, columns, attributes)
+        append_checksum(temporary)
 
 
 def _write_flight(

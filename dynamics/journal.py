@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optics.checksum import append_checksum, fault
 from optics.files import InputError, atomic
 
 Floats = NDArray[np.float64]
@@ -115,11 +116,13 @@ class Journal:
         """Replace the checkpoint: counters and all arrays of the trees. OSError where the disk is full."""
         arrays: dict[str, Any] = {f"{i}.{name}": value for i, tree in enumerate(trees) for name, value in leaves(tree)}
         sizes, sums = [self._length(name) for name in STREAMS], [self._sums[name] for name in STREAMS]
-        with atomic(self._path("checkpoint.npz")) as temporary, open(temporary, "wb") as stream:
-            np.savez(
-                stream, fingerprint=np.array(fingerprint), sizes=np.array(sizes), sums=np.array(sums),
-                **(arrays | counters),
-            )
+        with atomic(self._path("checkpoint.npz")) as temporary:
+            with open(temporary, "wb") as stream:
+                np.savez(
+                    stream, fingerprint=np.array(fingerprint), sizes=np.array(sizes), sums=np.array(sums),
+                    **(arrays | counters),
+                )
+            append_checksum(temporary)
 
     def _length(self, name: str) -> int:
         return self._path(name).stat().st_size if self._path(name).exists() else 0
@@ -134,7 +137,9 @@ class Journal:
             stale.unlink()
         if path.exists():
             try:
-                with np.load(path) as data:
+                if found := fault(path):
+                    raise ValueError(found)
+                with np.load(path, allow_pickle=False) as data:
                     kept = {name: data[name] for name in data.files}
                 if str(kept.pop("fingerprint")) == fingerprint:
                     return self._take(kept, trees)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynamics.command import finish
-from optics.files import Stopwatch, atomic, check_out, run_stage
+from optics.files import Stopwatch, atomic, run_stage, take_out
 
 AREAL_MASS = 1e-4
 PRESSURE = 67.0
@@ -100,7 +100,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m dynamics.merit", description=main.__doc__)
     parser.add_argument("--out", required=True, help="CSV to write")
     given = parser.parse_args()
-    check_out(given.out)
+    take_out(given.out)
     with atomic(given.out) as temporary, open(temporary, "w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(COLUMNS)

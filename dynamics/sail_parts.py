@@ -13,6 +13,7 @@ from optics.files import Name, Number, Pair, Strict
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
 MOST_RINGS = 1000
+SHALLOWEST = 1e-9  # least depth of a curved profile, whose focal length has a square
 Metres = Annotated[float, Field(ge=1e-9, le=1e9)]
 Thickness = Annotated[float, Field(ge=1e-12, le=1e3)]
 Angle = Annotated[float, Field(ge=0, lt=360)]
@@ -148,6 +149,8 @@ class Sail(Strict):
         _ascending(self.sectors)
         if (self.depth is None) != (self.profile == "flat"):
             raise ValueError("depth: must be given for curved profiles, and for them only")
+        if 0.0 < abs(self.depth or 0.0) < SHALLOWEST:
+            raise ValueError(f"depth = {self.depth:g}: must be 0 or at least {SHALLOWEST:g}, up or down")
         if self.profile == "sphere" and not 0 < abs(self.depth or 0.0) <= 0.8:
             raise ValueError(f"depth = {self.depth}: must be from -0.8 to 0.8 and not 0 for a sphere")
         return self

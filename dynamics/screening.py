@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from dynamics import scene as scenes
@@ -25,8 +24,9 @@ from dynamics.derivatives import Moments, derivatives, moments
 from dynamics.forecast import require_members, say_members
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.linear import RESOLUTION, LinearModel, growth, margin
-from optics.files import InputError, Stopwatch, atomic, check_out, progress, run_stage
+from optics.files import InputError, Stopwatch, progress, run_stage, take_out
 from optics.made import as_attribute
+from optics.parquet import read_parquet, rows_of, write_parquet
 
 Floats = NDArray[np.float64]
 
@@ -191,14 +191,9 @@ def read_columns(paths: list[str]) -> pd.DataFrame:
     """Rows of several Parquet files; InputError names one that can't be read."""
     frames, rows = [], 0
     for path in paths:
-        try:
-            rows += pq.read_metadata(path).num_rows
-            require_members(rows, path, "screen them in parts")
-            frames.append(pd.read_parquet(path))
-        except InputError:
-            raise
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path}: not a readable Parquet file ({' '.join(str(error).split())})") from None
+        rows += rows_of(path)
+        require_members(rows, path, "screen them in parts")
+        frames.append(read_parquet(path))
     return pd.concat(frames, ignore_index=True)
 
 
@@ -213,12 +208,11 @@ def main() -> None:
     parser.add_argument("--at-least", nargs="*", choices=MEASURES, default=[], help="no worse than the base in these")
     parser.add_argument("--out", required=True, help="Parquet file to write")
     given = parser.parse_args()
-    check_out(given.out)
+    take_out(given.out)
     members, cells = read_columns([given.members]), read_columns(given.cells)
     screened = rank(screen(scenes.read_scene(given.scene), members, cells), given.by, given.at_least)
     screened.attrs |= as_attribute()
-    with atomic(given.out) as temporary:
-        screened.to_parquet(temporary, index=False)
+    write_parquet(given.out, screened.to_parquet(index=False))
     counts = screened["verdict"].value_counts()
     finish(given.out, watch, ", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from optics.files import InputError, check_out
+from optics.files import InputError, take_out
 
 
 def table_arguments(
@@ -42,7 +42,7 @@ def add_table_arguments(parser: argparse.ArgumentParser, tolerance: float, u_max
 
 def checked(arguments: argparse.Namespace) -> argparse.Namespace:
     """The arguments, if the output can be written and the tolerance makes sense."""
-    check_out(arguments.out)
+    take_out(arguments.out)
     if not 0 < arguments.tolerance < 1:
         raise InputError(f"--tolerance = {arguments.tolerance:g}: must be between 0 and 1")
     return arguments

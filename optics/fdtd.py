@@ -15,14 +15,14 @@ goes on where it was.
 from __future__ import annotations
 
 import argparse
-import json
+import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from optics.cells import require_coherent
+from optics.checksum import fault
 from optics.command import add_table_arguments, check_range, checked
 from optics.fdtd_adaptive import adapt
 from optics.fdtd_direction import check_window, solve_direction
@@ -30,7 +30,7 @@ from optics.fdtd_grid import TABLE, FdtdSettings
 from optics.fdtd_parts import Rows, block, merge, read_rows, write_rows
 from optics.fdtd_progress import Progress, check_memory, expected_directions, spread
 from optics.fdtd_run import import_meep
-from optics.files import InputError, run_stage, validate
+from optics.files import InputError, read_json, run_stage, validate
 from optics.incidence import Floats
 from optics.outline import Grating, read_grating
 from optics.promise import finish
@@ -53,6 +53,14 @@ def solve_rows(
         rows = rows.added(u, v, result)
         write_rows(path, cell, settings, rows)
     return rows
+
+
+def set_aside(path: Path) -> None:
+    """Rename rows of an earlier run that are damaged, and say so: they are solved again."""
+    if path.exists() and (found := fault(path)):
+        aside = path.with_name(f"{path.name}.damaged")
+        path.replace(aside)
+        print(f"{path}: {found}; renamed to {aside.name}, and solved again", file=sys.stderr)
 
 
 def lacking(cell: Grating, directions: Floats, settings: FdtdSettings, path: Path) -> Floats:
@@ -88,13 +96,13 @@ def read_nodes(path: str, cell: Grating) -> tuple[Floats, Floats, float | None]:
 
     InputError says what is wrong with it.
     """
+    if not Path(path).exists():
+        raise InputError(f"{path}: no such file; make it with python -m optics.nodes")
+    data = read_json(path, needed=False)
     try:
-        data: Any = json.loads(Path(path).read_text(encoding="utf-8"))
         u, v = np.array(data["u"], float), np.array(data["v"], float)
         error = None if data.get("error") is None else float(data["error"])
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; make it with python -m optics.nodes") from None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: must hold the lists 'u' and 'v' ({type(error).__name__}: {error})") from None
     if data.get("name", cell.name) != cell.name:
         raise InputError(f"{path}: name = {data['name']!r}: made for another cell than '{cell.name}'")
@@ -138,6 +146,7 @@ def _arguments() -> argparse.Namespace:
 def _table(cell: Grating, settings: FdtdSettings, arguments: argparse.Namespace, out: Path) -> None:
     """Solve everything and write the table; the rows are kept beside it until it is written."""
     rows = out.with_name(f"{out.name}.rows.h5")
+    set_aside(rows)
     nodes: tuple[Floats, Floats, float | None]
     if arguments.nodes:
         nodes = _checked_nodes(arguments.nodes, cell)
@@ -173,6 +182,7 @@ def main() -> None:
             return
         i, n = _part(arguments.part)
         directions = block(*_checked_nodes(arguments.nodes, cell)[:2], i, n)
+        set_aside(out)
         solve_part(cell, directions, settings, out, f"part {i}/{n} of FDTD")
 
 

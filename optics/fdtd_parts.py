@@ -13,8 +13,8 @@ from scipy.interpolate import Akima1DInterpolator, BarycentricInterpolator
 
 from optics.fdtd_grid import TABLE, FdtdSettings, step_of_time
 from optics.fdtd_medium import fit_error
-from optics.files import InputError, Strict, versions
-from optics.hdf5 import new_hdf5, read_hdf5
+from optics.files import InputError, Strict, reading, versions
+from optics.hdf5 import new_hdf5, read_hdf5, real
 from optics.incidence import Floats, cutoffs
 from optics.outline import Grating
 from optics.promise import promised
@@ -115,18 +115,17 @@ def write_rows(path: Path, cell: Grating, settings: Strict, rows: Rows) -> None:
 
 def read_rows(path: Path, cell: Grating, settings: Strict) -> Rows:
     """The rows of a part file; InputError where it is none, or is of another cell or other settings."""
-    try:
-        with read_hdf5(path) as file:
-            columns = [np.asarray(file[name], float) for name in _COLUMNS]
-            stamp = {name: str(file.attrs.get(name)) for name in ("cell", "settings")}
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such part file; make it with python -m optics.fdtd --part") from None
-    except (OSError, KeyError) as error:
-        raise InputError(f"{path}: not a readable part file ({type(error).__name__})") from None
+    if not path.exists():
+        raise InputError(f"{path}: no such part file; make it with python -m optics.fdtd --part")
+    with reading(path, "a readable part file"), read_hdf5(path) as file:
+        values = np.stack([real(file[name]) for name in _COLUMNS], axis=-1).reshape(-1, len(_COLUMNS))
+        stamp = {name: str(file.attrs.get(name)) for name in ("cell", "settings")}
     for name, text in _stamp(cell, settings).items():
         if stamp[name] != text:
             raise InputError(f"{path}: holds rows of other '{name}' than asked for; remove it or choose another --out")
-    return Rows(np.stack(columns, axis=-1))
+    if not np.all(np.isfinite(values)):
+        raise InputError(f"{path}: holds values that are not finite; make it again")
+    return Rows(values)
 
 
 def _interpolation_error(u_nodes: Floats, q: Floats, u: Floats) -> Floats:

@@ -7,11 +7,10 @@ import difflib
 import importlib.metadata
 import json
 import os
-import re
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -20,22 +19,20 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from tqdm import tqdm
 
 from optics import made
-from optics.wording import brief, describe
+from optics.checksum import fault, with_checksum
+from optics.errors import InputError as InputError
+from optics.lock import claim, release
+from optics.wording import brief, describe, shortened
+from optics.yaml12 import MOST_BYTES, Loader, within_reason
+from optics.yaml12 import scalar as scalar
 
 # Field types of the configuration: wide enough for everything, narrow enough for every number that follows to be one.
 Number = Annotated[float, Field(ge=-1e30, le=1e30)]
 Positive = Annotated[float, Field(ge=1e-30, le=1e30)]
 NonNegative = Annotated[float, Field(ge=0, le=1e30)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
-
-
-#: Values that a YAML file may hold, each as often as aliases name it.
-MOST_VALUES = 1_000_000
-
-
-class InputError(ValueError):
-    """Something the user gave is wrong. The message is one line: what was given, what is allowed, what to do."""
+# Part of the names of files: not of a folder above, nor a hidden one, nor an option of a command.
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=100)]
 
 
 class Strict(BaseModel):
@@ -59,43 +56,17 @@ class Strict(BaseModel):
 Model = TypeVar("Model", bound=BaseModel)
 
 
-class _Loader(yaml.SafeLoader):
-    """The core schema of YAML 1.2 (section 10.3.2 of its specification), and no duplicate keys.
-
-    PyYAML reads YAML 1.1, where 0600 is 384, 1:30 is 90, 1e-3 is text, `no` is false and 2026-01-01 a date.
-    """
-
-    yaml_implicit_resolvers: dict[Any, Any] = {}
-
-
-def _mapping(loader: _Loader, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-    keys = [loader.construct_object(key, deep=True) for key, _ in node.value]
-    for key in keys:
-        if keys.count(key) > 1:
-            raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", node.start_mark)
-    return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
-
-
-def _integer(loader: _Loader, node: yaml.ScalarNode) -> int:
-    text = loader.construct_scalar(node)
-    return int(text, {"0o": 8, "0x": 16}.get(text[:2], 10))
-
-
-_INTEGER = r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+"
-_FLOAT = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"
-for _tag, _pattern in (
-    ("null", "null|Null|NULL|~|"), ("bool", "true|True|TRUE|false|False|FALSE"), ("int", _INTEGER), ("float", _FLOAT),
-):
-    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"^(?:{_pattern})$"), [None])
-_Loader.add_constructor("tag:yaml.org,2002:int", _integer)
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
-
-
 def load_yaml(path: str | Path) -> Any:
     """Content of a YAML file; InputError names the file and the line when it can't be read."""
+    require_whole(path, needed=False)
     try:
         with open(path, encoding="utf-8") as stream:
-            return within_reason(yaml.load(stream, Loader=_Loader))
+            text = stream.read(MOST_BYTES + 1)
+        if len(text) > MOST_BYTES:
+            raise InputError(f"{path}: must be of at most {MOST_BYTES:,} characters")
+        return within_reason(yaml.load(text, Loader=Loader))
+    except InputError:
+        raise
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -103,35 +74,12 @@ def load_yaml(path: str | Path) -> Any:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"{path}, line {mark.line + 1}" if mark else str(path)
-        said = " ".join(str(getattr(error, "problem", None) or error).split())
+        said = " ".join(str(getattr(error, "problem", None) or error).split())[:150]
         raise InputError(f"{where}: not valid YAML: {said}") from None
     except RecursionError:
         raise InputError(f"{path}: not valid YAML: nested too deeply") from None
     except (ValueError, LookupError, AttributeError, TypeError) as error:  # of values that are none of their type
         raise InputError(f"{path}: not valid YAML: {' '.join(str(error).split())[:100]}") from None
-
-
-def scalar(text: str) -> Any:
-    """A value given as text, on the command line, as it would be in a file: '1e-3' is a number, 'modal' stays text."""
-    loader = _Loader("")
-    return loader.construct_object(yaml.ScalarNode(loader.resolve(yaml.ScalarNode, text, (True, False)), text))
-
-
-def within_reason(data: Any) -> Any:
-    """The data, if it is a tree of at most MOST_VALUES; ValueError where aliases make it more, or endless."""
-    sizes: dict[int, int] = {}
-
-    def size(value: Any) -> int:
-        if not isinstance(value, dict | list):
-            return 1
-        if id(value) not in sizes:
-            sizes[id(value)] = MOST_VALUES  # met again within itself: endless
-            sizes[id(value)] = 1 + sum(map(size, value.values() if isinstance(value, dict) else value))
-        return sizes[id(value)]
-
-    if size(data) > MOST_VALUES:
-        raise ValueError(f"more than {MOST_VALUES} values, or an alias within what it stands for")
-    return data
 
 
 def read_mapping(path: str | Path) -> dict[Any, Any]:
@@ -195,13 +143,94 @@ def check_out(path: str | Path) -> None:
         raise InputError(f"--out = {path}: no permission to write in {parent}")
 
 
-def write_json(path: str | Path, data: Any) -> None:
-    """`data` as readable JSON, atomically, a mapping with what made it. NaN is refused."""
-    if isinstance(data, dict) and (record := made.made_from()):
+def take_out(path: str | Path) -> None:
+    """`check_out`, and be the only one who writes there until the stage ends; InputError names who does."""
+    check_out(path)
+    claim(path)
+
+
+def write_json(path: str | Path, data: Mapping[str, Any]) -> None:
+    """`data` as readable JSON with a checksum and what made it, atomically. NaN is refused."""
+    if record := made.made_from():
         data = {**data, made.NAME: record}
-    text = json.dumps(data, indent=1, allow_nan=False)
+    text = json.dumps(data, indent=1, allow_nan=False) + "\n"
     with atomic(path) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+        temporary.write_bytes(with_checksum(text.encode(), len(text.encode()) - 3, b',\n "checksum": "', b'"'))
+
+
+def read_json(path: str | Path, needed: bool = True) -> dict[str, Any]:
+    """What `write_json` wrote; InputError where it is not that, or damaged. needed: as in `whole`."""
+    require_whole(path, needed)
+    try:
+        data = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a readable JSON file ({one_line(error)})") from None
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: must be a mapping of keys to values; it is {brief(data)}")
+    if data.pop("checksum", None) is not None:
+        require_whole(path)  # also where the checksum itself is damaged
+    data.pop(made.NAME, None)
+    return data
+
+
+def write_lines(path: str | Path, rows: Iterable[Mapping[str, Any]]) -> None:
+    """Mappings as JSON, one a line, after a line of their checksum, atomically."""
+    text = "".join(f"{json.dumps(row, allow_nan=False)}\n" for row in rows)
+    with atomic(path) as temporary:
+        temporary.write_bytes(with_checksum(text.encode(), 0, b'{"checksum": "', b'"}\n'))
+
+
+def read_lines(path: str | Path) -> list[str]:
+    """Lines that `write_lines` wrote, or a user, without that of the checksum; InputError where they are damaged."""
+    require_whole(path, needed=False)
+    with reading(path, "readable text"):
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    if not (lines and lines[0].startswith('{"checksum": ')):
+        return lines
+    require_whole(path)  # also where the checksum itself is damaged
+    return lines[1:]
+
+
+def whole(path: str | Path, needed: bool = True) -> str:
+    """What keeps a file that Beamrider made from being used, and what to do, in one line; '' where it is whole.
+
+    needed: whether it must have a checksum; files that users write as well need none, but one that is there must fit.
+    """
+    try:
+        found = fault(path, needed)
+    except FileNotFoundError:
+        return f"{path}: no such file"
+    except OSError as error:
+        return f"{path}: cannot be read ({error.strerror})"
+    cure = "delete it, and give the command again that made it" if needed else (
+        "delete it, and give the command again that made it; or delete its checksum, to use it as a file of your own"
+    )
+    return f"{path}: {found}; {cure}" if found else ""
+
+
+def require_whole(path: str | Path, needed: bool = True) -> None:
+    """InputError where a file is not `whole`: before a library opens it."""
+    if said := whole(path, needed):
+        raise InputError(said)
+
+
+@contextlib.contextmanager
+def reading(path: str | Path, what: str) -> Iterator[None]:
+    """While a whole file is taken apart: what is missing in it, or of another kind than it must be, as InputError.
+
+    what: what the file should be, in words.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, ArithmeticError) as error:
+        raise InputError(f"{path}: not {what} ({one_line(error)}); make it again") from None
+
+
+def one_line(error: BaseException) -> str:
+    """Kind and words of an error in one line that is not too long."""
+    return " ".join(f"{type(error).__name__}: {error}".split())[:150]
 
 
 def versions(*packages: str) -> dict[str, str]:
@@ -230,21 +259,34 @@ def _refuse_other_code(script: Path) -> None:
 
 
 def run_stage(main: Callable[[], None]) -> None:
-    """Run a stage's `main`; an InputError or a failing disk becomes one line on standard error and exit code 2."""
+    """Run a stage's `main`; an InputError or a failing disk becomes one line on standard error and exit code 2.
+
+    Outputs that it was the only writer of are others' to write when it ends.
+    """
+    try:
+        said, code = _ended(main)  # with what was raised its bar of progress is gone from the line
+        if code:
+            print(said, file=sys.stderr)
+            raise SystemExit(code)
+    finally:
+        release()
+
+
+def _ended(main: Callable[[], None]) -> tuple[str, int]:
+    """What is to be said of how a stage ended, and its exit code."""
     try:
         _refuse_other_code(Path(getattr(sys.modules["__main__"], "__file__", None) or "").resolve())
         with made.by(main.__module__):
             main()
     except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        raise SystemExit(2) from None
+        return f"error: {shortened(str(error))}", 2
     except KeyboardInterrupt:
-        print("interrupted; the same command begins again, or goes on where a stage keeps what it has", file=sys.stderr)
-        raise SystemExit(130) from None
+        return "interrupted; the same command begins again, or goes on where a stage keeps what it has", 130
+    except MemoryError as error:
+        return f"error: memory: not enough on this machine for what was asked for ({one_line(error)})", 2
     except OSError as error:
-        said = str(error.strerror or error).splitlines()[0]
-        print(f"error: {error.filename or 'input or output'}: {said}", file=sys.stderr)
-        raise SystemExit(2) from None
+        return f"error: {error.filename or 'input or output'}: {str(error.strerror or error).splitlines()[0]}", 2
+    return "", 0
 
 
 class Stopwatch:
@@ -267,11 +309,12 @@ class Stopwatch:
 def finish(path: str | Path, watch: Stopwatch, said: str, notes: Iterable[str] = ()) -> None:
     """Say on standard output, in one line, what a stage made: file, how it ended, size, time, and any notes.
 
-    `said`: the end reason, verdict or count. The file is on the disk.
+    `said`: the end reason, verdict or count. The file is on the disk, and others may write it again.
     """
     size = amount(Path(path).stat().st_size, "B")
     line = f"{path}: {said} ({size}, {watch.seconds:.3g} s, {watch.cpu_seconds:.3g} s of CPU)"
     print("; ".join(" ".join(part.split()) for part in (line, *notes) if part))
+    release(path)
 
 
 def amount(value: float, unit: str) -> str:

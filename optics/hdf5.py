@@ -1,8 +1,8 @@
-"""HDF5 files as a whole: made in memory, written by plain writes, read without locks.
+"""HDF5 files as a whole: made in memory, written by plain writes with a checksum, read once that fits, without locks.
 
 HDF5 does not outlive a disk that is full or fails: it ends the process where it closes the file (versions 1.14, 2.0).
-Plain writes raise OSError. Files that are renamed into place when they are whole need no locks, and some file systems
-have none: HDF5 would refuse to open them there (errors 37 and 38).
+Plain writes raise OSError. On a damaged file HDF5 may not return at all. Files that are renamed into place when they
+are whole need no locks, and some file systems have none: HDF5 would refuse to open them there (errors 37 and 38).
 """
 
 from __future__ import annotations
@@ -12,20 +12,31 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
+import numpy as np
+from numpy.typing import NDArray
 
-from optics.files import atomic
+from optics.checksum import with_checksum
+from optics.files import atomic, require_whole
 from optics.made import as_attribute
 
 
 def read_hdf5(path: str | Path) -> h5py.File:
-    """The HDF5 file at `path`, open for reading."""
+    """The HDF5 file at `path`, open for reading; InputError where it is damaged."""
+    require_whole(path)
     return h5py.File(path, "r", locking=False)
 
 
-def write_bytes(path: str | Path, content: bytes | memoryview) -> None:
-    """Write a file atomically. OSError names it where the disk is full."""
+def real(data: h5py.Dataset) -> NDArray[np.float64]:
+    """The real numbers of a dataset; TypeError where it holds others, or none."""
+    if data.dtype.kind not in "fiu":
+        raise TypeError(f"{data.name} must hold real numbers")
+    return np.asarray(data, float)
+
+
+def write_hdf5(path: str | Path, content: bytes | memoryview) -> None:
+    """Write a file and its checksum, atomically. OSError names it where the disk is full."""
     with atomic(path) as temporary:
-        temporary.write_bytes(content)
+        temporary.write_bytes(with_checksum(bytes(content), after=b""))
 
 
 @contextlib.contextmanager
@@ -36,4 +47,4 @@ def new_hdf5(path: str | Path) -> Iterator[h5py.File]:
         file.attrs.update(as_attribute())
         file.flush()
         content = file.id.get_file_image()
-    write_bytes(path, content)
+    write_hdf5(path, content)

@@ -10,6 +10,7 @@ whether so many orders resolve it: false where fields have no limit (`optics.lim
 from __future__ import annotations
 
 import argparse
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -21,12 +22,13 @@ from threadpoolctl import threadpool_limits
 
 from optics.cells import Metagrating, as_stack, require_coherent
 from optics.derivatives import derivatives
-from optics.files import InputError, atomic, check_out, progress, run_stage, validate
+from optics.files import InputError, progress, read_lines, reading, run_stage, take_out, validate
 from optics.incidence import Floats
 from optics.lamellar import solve
 from optics.limit import without_limit
 from optics.made import as_attribute
 from optics.normal import NormalResponse
+from optics.parquet import write_parquet
 from optics.section import cross_section
 from optics.steps import ModalCell, Slanted
 
@@ -98,16 +100,12 @@ def normal_response(
 
 def read_cells(path: str | Path, block: int = 1, blocks: int = 1) -> list[tuple[int, Metagrating]]:
     """Cells of a block, with their numbers; InputError names the line that holds none."""
-    try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
-    out = []
+    lines, out = read_lines(path), []
+    if not lines:
+        raise InputError(f"{path}: must hold a cell a line; it is empty")
     for number in range(block - 1, len(lines), blocks):
-        try:
+        with reading(f"{path}, line {number + 1}", "JSON"):
             data = json.loads(lines[number])
-        except ValueError as error:
-            raise InputError(f"{path}, line {number + 1}: not JSON ({error})") from None
         cell = validate(data, Metagrating, f"{path}, line {number + 1}")
         as_stack(cell)  # refuses rounded corners before any cell is solved
         require_coherent(cell, "optics.local")
@@ -146,14 +144,15 @@ def _block(text: str) -> tuple[int, int]:
 def main() -> None:
     """Response of grating cells around normal incidence."""
     given = _arguments()
-    check_out(given.out)
+    take_out(given.out)
     if given.order < 1:
         raise InputError(f"--order = {given.order}: must be at least 1")
     cells = read_cells(given.cells, *_block(given.block))
     with threadpool_limits(1):
         rows = [row(number, cell, given.order) for number, cell in progress(cells, "cells", unit="cell")]
-    with atomic(given.out) as temporary:
-        pq.write_table(pa.Table.from_pylist(rows, SCHEMA.with_metadata(as_attribute())), temporary)
+    stream = io.BytesIO()
+    pq.write_table(pa.Table.from_pylist(rows, SCHEMA.with_metadata(as_attribute())), stream)
+    write_parquet(given.out, stream.getvalue())
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ import numpy as np
 
 from optics.files import InputError
 from optics.interpolation import Floats
+from optics.lock import release
 from optics.table import PressureTable
 
 SHARE = 0.99
@@ -113,5 +114,6 @@ def finish(table: PressureTable, out: str | Path, accept_missed: bool = False) -
     count = f"{table.u.size} × {table.v.size}" if table.v.size > 1 else f"{table.u.size}"
     cost = float(table.attrs["cpu_seconds"])
     print(f"{out}: {count} directions, {kept.text}; {cost:.3g} CPU s", flush=True)
+    release(out)
     if not kept.met and not accept_missed:
         raise SystemExit(MISSED)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -21,10 +22,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from optics.files import InputError
+from optics.files import InputError, reading, require_whole
 from optics.film_table import FIELDS as FIELDS_OF_FILM
 from optics.film_table import LOSSES, PRESSURE, Film, from_rows, with_film
-from optics.hdf5 import write_bytes
+from optics.hdf5 import write_hdf5
 from optics.interpolation import Floats, TableArrays, lookup_many, lookup_slopes_many, pack
 from optics.interpolation import lookup as lookup
 from optics.made import NAME, as_attribute
@@ -32,6 +33,7 @@ from optics.patches import Values, make_patches
 from optics.section import Section, cross_section
 from optics.strips import Curves, lay_out, no_curves
 from optics.tracks import Resonances, without
+from optics.wording import brief
 
 SCHEMA = 2
 COMPONENTS = ("g", "r", "n")
@@ -344,7 +346,7 @@ class PressureTable:
                 "digest": self.digest, **as_attribute(), **{key: _encode(value) for key, value in self.attrs.items()},
             },
         )
-        write_bytes(path, data.to_netcdf(engine="h5netcdf"))
+        write_hdf5(path, data.to_netcdf(engine="h5netcdf"))
 
     @property
     def digest(self) -> str:
@@ -361,23 +363,24 @@ class PressureTable:
         """The table in a file; InputError says why a missing, foreign, truncated or edited file is refused."""
         if not os.path.exists(path):
             raise InputError(f"{path}: no such pressure table; make it with optics.modal, fdtd or thin_film")
-        try:
+        require_whole(path)
+        with reading(path, "a readable HDF5 table"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of netCDF about data of other programs, which are refused below
             with xr.open_dataset(path, engine="h5netcdf", decode_cf=False, driver_kwds=_UNLOCKED) as data:
                 data.load()
-        except Exception as refusal:
-            raise InputError(f"{path}: not a readable HDF5 table ({_one_line(refusal)})") from None
         for name in _REQUIRED:
             if name not in data.variables:
                 raise InputError(f"{path}: not a pressure table: '{name}' is missing")
         if str(data.attrs.get("schema")) != str(SCHEMA):
-            raise InputError(f"{path}: schema = {data.attrs.get('schema')}: must be {SCHEMA}; make the table again")
-        try:
-            table = cls._from_dataset(data)
-        except InputError as refusal:
-            raise InputError(f"{path}: {refusal}") from None
-        except (KeyError, ValueError, TypeError) as refusal:
-            raise InputError(f"{path}: not a pressure table ({_one_line(refusal)})") from None
-        if table.digest != data.attrs.get("digest"):
+            given = brief(data.attrs.get("schema"))
+            raise InputError(f"{path}: schema = {given}: must be {SCHEMA}; make the table again")
+        with reading(path, "a pressure table"):
+            try:
+                table = cls._from_dataset(data)
+            except InputError as refusal:
+                raise InputError(f"{path}: {refusal}") from None
+            digest = table.digest
+        if digest != str(data.attrs.get("digest")):
             raise InputError(f"{path}: it was changed after it was made (digest differs); make it again")
         return table
 
@@ -386,6 +389,8 @@ class PressureTable:
         """The table in a data set; KeyError, ValueError or TypeError where something is missing or no number."""
 
         def numbers(*names: str) -> list[Floats]:
+            if wrong := [name for name in names if data[name].dtype.kind not in "fiu"]:
+                raise TypeError(f"{wrong[0]} must hold real numbers")
             return [np.asarray(data[name].values, float) for name in names]
 
         attrs = {key: _decode(value) for key, value in data.attrs.items() if key not in ("schema", "digest", NAME)}
@@ -452,10 +457,6 @@ def _around(nodes: Floats, x: Floats) -> tuple[Any, Any]:
     """Indices of the nodes left and right of x (...), both the same where there is but one."""
     right = np.clip(np.searchsorted(nodes, x), min(1, nodes.size - 1), nodes.size - 1)
     return np.maximum(right - 1, 0), right
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())[:150]
 
 
 def _encode(value: Any) -> Any:

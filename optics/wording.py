@@ -17,6 +17,8 @@ from pydantic import BaseModel
 
 #: Characters of a value that are shown of it; and entries, and levels, before that.
 MOST, ENTRIES, LEVELS = 60, 8, 4
+#: Characters of a word of a message, which may be a path, and of all of it.
+LONGEST_WORD, LONGEST_LINE = 300, 1500
 LONG = re.compile(rf"\S{{{MOST + 1},}}")
 #: What each kind of error asks for; {…} are the limits that come with it.
 MUST = {
@@ -33,7 +35,7 @@ MUST = {
     "less_than": "less than {lt:g}", "less_than_equal": "less than or equal to {le:g}",
     "multiple_of": "a multiple of {multiple_of:g}",
     "string_too_short": "of at least {min_length} characters", "string_too_long": "of at most {max_length} characters",
-    "string_pattern_mismatch": "made of letters, digits, '_', '.' and '-' only",
+    "string_pattern_mismatch": "made of letters, digits, '_', '.' and '-' only, a letter, digit or '_' first",
     "union_tag_invalid": "one of {expected_tags}", "recursion_loop": "a value that does not hold itself",
 }
 #: What a branch of a union is for, by the beginning of its name.
@@ -81,6 +83,12 @@ def place(path: Sequence[Any]) -> str:
 def brief(value: Any) -> str:
     """A value as YAML would have it, on one line, of at most MOST characters."""
     return _cut(_flow(value, LEVELS))
+
+
+def shortened(line: str) -> str:
+    """A message as one line, without what is too long of its words and of itself to be read."""
+    words = (word if len(word) <= LONGEST_WORD else f"{word[:LONGEST_WORD]}…" for word in line.split())
+    return " ".join(words)[:LONGEST_LINE]
 
 
 def _cut(text: str) -> str:

@@ -13,7 +13,9 @@ from family import Family, read_family
 
 from dynamics.materials import Material
 from dynamics.scene import Scene, read_scene
-from optics.files import atomic, run_stage
+from optics.checksum import with_checksum
+from optics.files import atomic, read_lines, reading, run_stage
+from optics.parquet import read_parquet
 
 HEADER = "# Made by the workflow: member {number} of family {family}, rank {rank}.\n"
 
@@ -53,7 +55,8 @@ def write(folder: Path, family: Family, base: Scene, screened: pd.DataFrame, cel
         for name, data in files.items():
             with atomic(folder / str(place) / f"{name}.yaml") as temporary:
                 head = HEADER.format(number=number, family=family.name, rank=int(member["rank"]))
-                temporary.write_text(head + yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+                text = head + yaml.safe_dump(data, sort_keys=False)
+                temporary.write_bytes(with_checksum(text.encode(), 0, b"# "))
 
 
 def main() -> None:
@@ -65,8 +68,9 @@ def main() -> None:
     parser.add_argument("--cells", required=True, type=Path, help="cells of the family, one JSON a line")
     parser.add_argument("--out", required=True, type=Path, help="folder to write to")
     given = parser.parse_args()
-    cells = [json.loads(line) for line in given.cells.read_text(encoding="utf-8").splitlines()]
-    write(given.out, read_family(given.family), read_scene(given.scene), pd.read_parquet(given.screened), cells)
+    with reading(given.cells, "cells, one JSON a line"):
+        cells = [json.loads(line) for line in read_lines(given.cells)]
+    write(given.out, read_family(given.family), read_scene(given.scene), read_parquet(given.screened), cells)
 
 
 if __name__ == "__main__":

@@ -21,10 +21,10 @@ from optics.files import (
     Positive,
     Stopwatch,
     Strict,
-    check_out,
     finish,
     load_yaml,
     run_stage,
+    take_out,
     validate,
     write_json,
 )
@@ -152,7 +152,7 @@ def main() -> None:
     parser.add_argument("--tables", nargs="+", required=True, help="pressure tables of the case's designs")
     parser.add_argument("--out", required=True, help="JSON to write")
     given = parser.parse_args()
-    check_out(given.out)
+    take_out(given.out)
     cases = read_cases(given.cases)
     if given.case not in cases:
         raise InputError(f"--case = {given.case!r}: must be one of {', '.join(cases)}")

@@ -6,7 +6,6 @@ The limits lie above what the configuration as delivered gives: what exceeds the
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from dynamics.floquet import distance
-from optics.files import InputError, Stopwatch, check_out, finish, run_stage, write_json
+from optics.files import InputError, Stopwatch, finish, read_json, run_stage, take_out, write_json
 from optics.table import PressureTable
 
 LARGEST, NEARLY_ALL, MULTIPLIERS, ABSORPTANCE = 0.015, 0.0075, 1e-2, 0.03
@@ -52,7 +51,7 @@ def table_checks(modal: Path, fdtd: Path) -> Iterator[Check]:
 
 def multiplier_checks(modal: Path, fdtd: Path) -> Iterator[Check]:
     """Largest distance between multipliers, paired off; none of a sail that does not spin, which has no multipliers."""
-    one, other = (json.loads(path.read_text(encoding="utf-8")) for path in (modal, fdtd))
+    one, other = (read_json(path) for path in (modal, fdtd))
     if one["multipliers"] and other["multipliers"]:
         gap = distance(*(np.array(data["multipliers"]) @ [1, 1j] for data in (one, other)))
         yield Check(one["scene"], "|Δλ|, largest", gap, MULTIPLIERS)
@@ -73,13 +72,13 @@ def main() -> None:
         parser.add_argument(f"--{name}", nargs="*", default=[], type=Path, help="as many, in the same order")
     parser.add_argument("--out", required=True, type=Path, help="JSON to write; none where a check fails")
     given = parser.parse_args()
-    check_out(given.out)
+    take_out(given.out)
     pairs = [(table_checks, given.modal, given.fdtd), (multiplier_checks, given.floquet, given.floquet_fdtd)]
     if any(len(modal) != len(fdtd) for _, modal, fdtd in pairs):
         raise InputError("--modal and --fdtd, --floquet and --floquet-fdtd: must be as many of the one as of the other")
     checks = [check for run, *files in pairs for pair in zip(*files, strict=True) for check in run(*pair)]
     judge(checks)
-    write_json(given.out, [{**asdict(check), "pass": check.passed} for check in checks])
+    write_json(given.out, {"checks": [{**asdict(check), "pass": check.passed} for check in checks]})
     finish(given.out, watch, f"{len(checks)} checks passed")
 
 

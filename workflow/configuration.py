@@ -16,7 +16,7 @@ from pydantic import Field
 from dynamics.attitude import rotation_from_angles
 from dynamics.scene import Scene, read_scene
 from optics.cells import Cell, ThinFilm, read_cell
-from optics.files import InputError, Strict, load_yaml, scalar, validate
+from optics.files import InputError, Name, Strict, load_yaml, scalar, validate
 
 SOURCE = "workflow/config.yaml"
 PROGRAM = ("workflow", "optics", "dynamics", "tests")
@@ -24,7 +24,6 @@ PROGRAM = ("workflow", "optics", "dynamics", "tests")
 Tolerance = Annotated[float, Field(gt=0, lt=1)]
 Cosine = Annotated[float, Field(gt=0, lt=1)]
 Switch = Literal["auto", True, False]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
 
 
 class Grid(Strict):

@@ -17,8 +17,9 @@ import pandas as pd
 from candidates import best_members
 from family import read_family
 
-from optics.files import InputError, atomic, run_stage
+from optics.files import InputError, atomic, read_json, reading, run_stage
 from optics.hdf5 import read_hdf5
+from optics.parquet import read_parquet
 
 COLUMNS = {
     "sail": "", "what_differs": "", "thrust_N": "N", "acceleration_m_s2": "m/s²", "margin_1_s": "1/s",
@@ -33,7 +34,7 @@ def stability(path: Path, suffix: str = "") -> dict[str, Any]:
     """Verdict, margin with its range, and thrust of a stability analysis; nothing where there is none."""
     if not path.exists():
         return {}
-    found = json.loads(path.read_text(encoding="utf-8"))
+    found = read_json(path)
     low, high = found["margin_range_1_s"]
     return {
         f"verdict{suffix}": found["verdict"].replace("_", " "), f"margin{suffix}_1_s": found["margin_1_s"],
@@ -43,7 +44,10 @@ def stability(path: Path, suffix: str = "") -> dict[str, Any]:
 
 def flights(folder: Path) -> dict[str, Any]:
     """How the rigid and the flexible flight ended, and their extremes."""
-    with read_hdf5(folder / "rigid.h5") as rigid, read_hdf5(folder / "flight.vtkhdf") as flexible:
+    with (
+        reading(folder, "a folder of readable flights"), read_hdf5(folder / "rigid.h5") as rigid,
+        read_hdf5(folder / "flight.vtkhdf") as flexible,
+    ):
         series = flexible["series"]
         distance = {name: np.hypot(*data["position"][:, :2].T).max() for name, data in
                     (("rigid", rigid), ("flexible", series))}
@@ -57,7 +61,7 @@ def flights(folder: Path) -> dict[str, Any]:
 
 def basin(path: Path) -> dict[str, int]:
     """Bounded flights of a basin map, and all of them."""
-    with read_hdf5(path) as file:
+    with reading(path, "a readable basin map"), read_hdf5(path) as file:
         code = json.loads(file.attrs["reasons"]).index("finished")
         return {"basin_bounded": int((file["end_code"][()] == code).sum()), "basin_flights": file["end_code"].size}
 
@@ -106,7 +110,7 @@ def main() -> None:
     parser.add_argument("--csv", required=True, type=Path, help="table to write")
     parser.add_argument("--markdown", required=True, type=Path, help="the same, one column a sail, to write")
     given = parser.parse_args()
-    screened = pd.read_parquet(given.screened)
+    screened = read_parquet(given.screened)
     base, best = screened.iloc[0], best_members(read_family(given.family), screened)
     if len(best) != len(given.candidates):
         raise InputError(f"--candidates: {len(given.candidates)} folders; must be {len(best)}, one a member")

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -26,8 +25,9 @@ from dynamics.command import finish
 from dynamics.forecast import A_MADE_MEMBER, require_members
 from dynamics.scene import Scene, read_scene
 from optics.cells import Metagrating, read_metagrating
-from optics.files import InputError, Name, Positive, Stopwatch, Strict, atomic, read_model, run_stage, validate
+from optics.files import InputError, Name, Positive, Stopwatch, Strict, read_model, run_stage, validate, write_lines
 from optics.made import as_attribute
+from optics.parquet import write_parquet
 
 Floats = NDArray[np.float64]
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
@@ -196,8 +196,11 @@ def cell_parameters(cell: Metagrating) -> dict[str, float]:
     }
 
 
-def make_cell(base: Metagrating, p: dict[str, float], name: str) -> Metagrating | None:
-    """The base cell with other parameters; None where its ridges do not fit or overlap."""
+def make_cell(base: Metagrating, p: dict[str, float], name: str, source: str = "") -> Metagrating | None:
+    """The base cell with other parameters; None where its ridges do not fit or overlap.
+
+    InputError, after the name of the `source`, where it is no cell for another reason.
+    """
     if min(p["wide_nm"], p["gap_nm"], p["narrow_nm"], p["ridge_height_nm"], p["membrane_nm"]) <= 0.0:
         return None
     if p["wide_nm"] + p["gap_nm"] + p["narrow_nm"] > p["period_nm"]:
@@ -208,7 +211,7 @@ def make_cell(base: Metagrating, p: dict[str, float], name: str) -> Metagrating 
         "ridge_height_nm": p["ridge_height_nm"], "membrane_nm": p["membrane_nm"],
         "index": {"n": p["index_n"], "k": p["index_k"]},
     }
-    return validate(data, Metagrating, name)
+    return validate(data, Metagrating, f"{source}: cell {name}" if source else name)
 
 
 def base_parameters(scene: Scene, cells: list[Metagrating]) -> dict[str, float]:
@@ -276,8 +279,10 @@ def _members(base: dict[str, float], columns: dict[str, Floats], scale: Floats) 
     return pd.DataFrame(data | {"scale": np.concatenate([[0.0], scale])})
 
 
-def number_cells(members: pd.DataFrame, bases: list[Metagrating]) -> tuple[pd.DataFrame, list[Metagrating]]:
-    """Members with the numbers of their cells (−1: impossible), and every cell once."""
+def number_cells(
+    members: pd.DataFrame, bases: list[Metagrating], source: str = ""
+) -> tuple[pd.DataFrame, list[Metagrating]]:
+    """Members with the numbers of their cells (−1: impossible), and every cell once; `source` as in `make_cell`."""
     cells: list[Metagrating] = []
     for group, base in zip(("te", "tm"), bases, strict=True):
         names = [key for key in members if str(key).startswith(f"{group}.")]
@@ -285,7 +290,7 @@ def number_cells(members: pd.DataFrame, bases: list[Metagrating]) -> tuple[pd.Da
         numbers = []
         for row in rows:
             parameters = {str(name)[3:]: float(x) for name, x in zip(names, row, strict=True)}
-            cell = make_cell(base, parameters, f"{group}{len(cells)}")
+            cell = make_cell(base, parameters, f"{group}{len(cells)}", source)
             numbers.append(len(cells) if cell else -1)
             cells += [cell] if cell else []
         members = members.assign(**{f"{group}_cell": np.array(numbers)[inverse.ravel()]})
@@ -294,12 +299,10 @@ def number_cells(members: pd.DataFrame, bases: list[Metagrating]) -> tuple[pd.Da
 
 def write(folder: Path, family: Family, scene: Scene, bases: list[Metagrating]) -> tuple[int, int]:
     """Write the cells and the members of a family; how many there are of each."""
-    members, cells = number_cells(expand(family, base_parameters(scene, bases)), bases)
-    with atomic(folder / "cells.jsonl") as temporary:
-        temporary.write_text("".join(f"{json.dumps(cell.model_dump())}\n" for cell in cells), encoding="utf-8")
+    members, cells = number_cells(expand(family, base_parameters(scene, bases)), bases, f"{family.name}.yaml")
+    write_lines(folder / "cells.jsonl", [cell.model_dump() for cell in cells])
     members.attrs |= as_attribute()
-    with atomic(folder / "members.parquet") as temporary:
-        members.to_parquet(temporary, index=False)
+    write_parquet(folder / "members.parquet", members.to_parquet(index=False))
     return len(cells), len(members)
 
 

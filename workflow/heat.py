@@ -18,7 +18,7 @@ import numpy as np
 from dynamics.membrane import Flight
 from dynamics.sail import load_tables
 from dynamics.scene import Scene, read_scene
-from optics.files import InputError, check_out, progress, run_stage, write_json
+from optics.files import InputError, progress, run_stage, take_out, write_json
 from optics.table import PressureTable
 
 RINGS, DURATION = 12, 0.6
@@ -104,7 +104,7 @@ def main() -> None:
     parser.add_argument("--tables", nargs="+", required=True, help="pressure tables of its designs")
     parser.add_argument("--out", required=True, help="JSON to write")
     given = parser.parse_args()
-    check_out(given.out)
+    take_out(given.out)
     base = read_scene(given.scene)
     write_json(given.out, study(base, load_tables(given.tables, base)))
 

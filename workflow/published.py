@@ -15,6 +15,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from dynamics.scene import Scene, read_scene
+from optics.checksum import with_checksum
 from optics.files import InputError, Name, Positive, Stopwatch, Strict, atomic, finish, load_yaml, run_stage, validate
 
 SOURCE = Path("workflow/published.yaml")
@@ -105,7 +106,7 @@ def main() -> None:
     with atomic(given.out) as temporary:
         # JSON is YAML
         data = as_flown(scene, flights[scene.name]).model_dump(exclude_none=True)
-        temporary.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+        temporary.write_bytes(with_checksum(f"{json.dumps(data, indent=1)}\n".encode(), 0, b"# "))
     finish(given.out, watch, f"scene {scene.name} as it is flown")
 
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
@@ -20,6 +19,7 @@ from optics.resonances import find_poles
 from optics.strips import Floats
 from optics.table import PressureTable
 from optics.tracks import Resonances
+from tests.damage import edited
 
 ORDER = 12
 U_MAX, V_MAX = 0.39, 0.12
@@ -205,12 +205,12 @@ def test_a_file_gives_the_same_table_and_a_damaged_one_is_refused(tmp_path: Path
     assert np.array_equal(found.q(u, v), again.q(u, v))
     for name, value in (("pole_u", -1.0), ("pole_q", np.nan), ("pole_v", 0.5), ("pole_absorptance_stokes", 1e-3)):
         found.write(path)
-        with h5py.File(path, "r+") as file:
+        with edited(path) as file:
             file[name][..., -1] = value
         with pytest.raises(InputError, match=r"pole_|changed after"):
             PressureTable.read(path)
     found.write(path)
-    with h5py.File(path, "r+") as file:
+    with edited(path) as file:
         del file["pole_u"]
     with pytest.raises(InputError, match="pole_u"):
         PressureTable.read(path)

@@ -1,6 +1,5 @@
 """Tables of gratings: right between their directions, continuous across the cut-offs, smooth elsewhere."""
 
-import h5py
 import numpy as np
 import pytest
 
@@ -11,6 +10,7 @@ from optics.interpolation import lookup_many
 from optics.modal import make_table, solve
 from optics.strips import breaks
 from optics.table import PressureTable
+from tests.damage import edited
 
 TOLERANCE = 3e-3
 WINDOW = 0.36  # holds both cut-offs of the TE cell, their crossing at v = 0.0707 and where they leave the window
@@ -168,7 +168,7 @@ def test_an_edited_attribute_is_refused(made, tmp_path, name):
     """Stability takes its slopes from one of them."""
     path = tmp_path / "t.h5"
     made[0].write(path)
-    with h5py.File(path, "r+") as file:
+    with edited(path) as file:
         text = file.attrs[name]
         file.attrs[name] = text.replace("1", "2", 1)
         assert file.attrs[name] != text
@@ -180,11 +180,11 @@ def test_an_edited_attribute_is_refused(made, tmp_path, name):
 def test_an_edited_or_missing_variable_is_refused(made, tmp_path, name):
     path = tmp_path / "t.h5"
     made[0].write(path)
-    with h5py.File(path, "r+") as file:
+    with edited(path) as file:
         file[name][...] = file[name][...] * (1 + 1e-12)
     with pytest.raises(InputError, match="it was changed after it was made"):
         PressureTable.read(path)
-    with h5py.File(path, "r+") as file:
+    with edited(path) as file:
         del file[name]
     with pytest.raises(InputError, match=r"not a pressure table|must be given together|digest differs"):
         PressureTable.read(path)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from optics.cells import Metagrating
-from optics.fdtd import main, read_nodes, solve_adaptively
+from optics.checksum import append_checksum
+from optics.fdtd import main, read_nodes, set_aside, solve_adaptively
 from optics.fdtd_adaptive import adapt
 from optics.fdtd_direction import (
     DirectionResult,
@@ -366,6 +367,9 @@ def test_rows_of_another_cell_or_other_settings_are_not_kept(te, tm, tmp_path):
     with pytest.raises(InputError, match="other 'settings'"):
         read_rows(path, te, FdtdSettings(tolerance=1e-3))
     path.write_bytes(b"torn")
+    with pytest.raises(InputError, match="not whole: cut off"):
+        read_rows(path, te, SETTINGS)
+    append_checksum(path)
     with pytest.raises(InputError, match="not a readable part file"):
         read_rows(path, te, SETTINGS)
 
@@ -565,3 +569,16 @@ def test_an_adaptive_table_that_was_killed_goes_on_from_its_rows(te, tmp_path, m
     assert len(calls) == len(set(calls)) + 1  # only the one that was cut off is solved again
     table = merge(te, SETTINGS, u, v, between, [path])
     assert table.q(0.02, 0.01)[0] == pytest.approx(smooth(0.02, 0.01)[0][0], abs=1e-6)
+
+
+def test_damaged_rows_of_an_earlier_run_are_set_aside_and_whole_ones_are_kept(te, tmp_path, capsys):
+    path = tmp_path / "part.h5"
+    write_rows(path, te, SETTINGS, rows([(0.0, 0.0)]))
+    set_aside(path)
+    assert (read_rows(path, te, SETTINGS).find(0.0, 0.0), capsys.readouterr().err) == (0, "")
+    content = path.read_bytes()
+    path.write_bytes(content[:-100])
+    set_aside(path)
+    assert [item.name for item in tmp_path.iterdir()] == ["part.h5.damaged"]
+    assert capsys.readouterr().err.startswith(f"{path}: not whole: cut off, or not a file that")
+    set_aside(path)

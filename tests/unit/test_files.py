@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from optics.files import InputError, atomic, load_yaml, run_stage, scalar, write_json
+from optics.files import InputError, atomic, load_yaml, read_json, run_stage, scalar, write_json
 
 
 def _names(folder):
@@ -37,7 +37,8 @@ def test_json_refuses_nan_and_leaves_nothing(tmp_path):
         write_json(tmp_path / "a.json", {"x": float("nan")})
     assert _names(tmp_path) == []
     write_json(tmp_path / "a.json", {"x": 1.5})
-    assert json.loads((tmp_path / "a.json").read_text()) == {"x": 1.5}
+    assert read_json(tmp_path / "a.json") == {"x": 1.5}
+    assert json.loads((tmp_path / "a.json").read_text())["x"] == 1.5
 
 
 @pytest.mark.parametrize(

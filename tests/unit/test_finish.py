@@ -9,6 +9,7 @@ import pytest
 
 from dynamics.command import finish
 from optics.files import Stopwatch, amount
+from optics.parquet import write_parquet
 from tests.families import many_cells, many_members
 from tests.membranes import small, write_inputs
 
@@ -39,8 +40,8 @@ def test_every_stage_says_what_it_made(module, tmp_path, monkeypatch, capsys):
 
 def test_screening_says_how_many_members_are_stable(tmp_path, monkeypatch, capsys):
     arguments = write_inputs(tmp_path, SCENE, "made")
-    many_cells(2).to_parquet(tmp_path / "cells.parquet")
-    many_members(2).to_parquet(tmp_path / "members.parquet")
+    write_parquet(tmp_path / "cells.parquet", many_cells(2).to_parquet())
+    write_parquet(tmp_path / "members.parquet", many_members(2).to_parquet())
     more = ["--members", str(tmp_path / "members.parquet"), "--cells", str(tmp_path / "cells.parquet")]
     monkeypatch.setattr(sys, "argv", ["screening", *arguments[:2], *arguments[-2:], *more])
     importlib.import_module("dynamics.screening").main()

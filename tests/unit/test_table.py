@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from optics.checksum import append_checksum
 from optics.files import InputError
 from optics.patches import slope_matrix
 from optics.table import OutsideTable, PressureTable
+from tests.damage import edited
 
 
 def _smooth(u, v):
@@ -112,19 +114,24 @@ def test_truncated_foreign_and_edited_files_are_refused_with_the_reason(tmp_path
     _table().write(path)
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match="not whole: cut off"):
+        PressureTable.read(path)
+    path.write_bytes(b"not HDF5")
+    append_checksum(path)
     with pytest.raises(InputError, match="not a readable HDF5 table"):
         PressureTable.read(path)
     xr.Dataset({"x": ("a", [1.0])}).to_netcdf(path, engine="h5netcdf")
+    append_checksum(path)
     with pytest.raises(InputError, match="not a pressure table: 'u' is missing"):
         PressureTable.read(path)
     path.write_bytes(whole)
-    with h5py.File(path, "r+") as file:
+    with edited(path) as file:
         file["q"][0, 3, 3] += 1e-6
     with pytest.raises(InputError, match="digest differs"):
         PressureTable.read(path)
     for name, value in (("mirror_v", 0), ("name", "another"), ("mirror_v", "no"), ("schema", "abc"), ("cell", "{")):
         path.write_bytes(whole)
-        with h5py.File(path, "r+") as file:
+        with edited(path) as file:
             file.attrs[name] = value
         with pytest.raises(InputError) as caught:
             PressureTable.read(path)

@@ -86,7 +86,8 @@ def test_missing_tables(refused, tmp_path, module):
     assert refused(module, "--scene", scene, "--tables", "none.h5").startswith("none.h5: no such pressure table")
     foreign = tmp_path / "foreign.h5"
     foreign.write_text("not HDF5")
-    assert refused(module, "--scene", scene, "--tables", str(foreign)).startswith(f"{foreign}: not a readable")
+    line = refused(module, "--scene", scene, "--tables", str(foreign))
+    assert line.startswith(f"{foreign}: not whole: cut off, or not a file")
 
 
 @pytest.mark.parametrize("content", ["", "\x89PNG\r\n\x1a\n", "name: mark1e_te\n", "a folder", "a flight"])
@@ -100,7 +101,7 @@ def test_tables_that_are_none(refused, tmp_path, content):
     else:
         path.write_text(content, encoding="latin-1")
     line = refused("dynamics.rigid", "--scene", str(ROOT / "workflow/scenes/fig6.yaml"), "--tables", str(path))
-    assert line.startswith(f"{path}: not a ")
+    assert line.startswith(f"{path}: cannot be read (Is a" if content == "a folder" else f"{path}: not whole: cut off")
     assert len(line) < 300
 
 

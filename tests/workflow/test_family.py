@@ -15,7 +15,7 @@ import yaml
 
 from dynamics.scene import read_scene
 from optics.cells import read_cell, read_metagrating
-from optics.files import InputError, load_yaml
+from optics.files import InputError, load_yaml, read_lines
 from workflow.family import base_parameters, expand, number_cells, read_family
 
 ROOT = Path(__file__).parents[2]
@@ -121,7 +121,7 @@ def test_members_that_fail_cost_no_fdtd_and_no_flight(tmp_path):
     best = screened[screened["eligible"] & (screened.index > 0)].sort_values("rank").index[:2]
     for place, number in zip(("1", "2"), best, strict=True):
         cell = read_cell(folder / "candidates" / place / "te.yaml")
-        lines = (folder / "cells.jsonl").read_text().splitlines()
+        lines = read_lines(folder / "cells.jsonl")
         assert cell.model_dump() == json.loads(lines[int(screened["te_cell"][number])]) | {"name": "te"}
         assert read_scene(folder / "candidates" / place / "sail.yaml").sail.designs == ["tm", "te"]
     alone = "results/screening/search/confirmed/1/floquet_fdtd.json"

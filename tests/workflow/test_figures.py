@@ -15,8 +15,10 @@ import pytest
 from matplotlib.image import imread
 
 from dynamics import basin, floquet, maps, membrane, rigid
+from optics.files import read_json, write_json
 from optics.modal import solve
 from optics.outline import read_grating, upright
+from optics.parquet import write_parquet
 from optics.promise import promised
 from optics.table import PressureTable
 from tests.membranes import FIG6, altered
@@ -129,7 +131,7 @@ def test_conclusions_say_what_stands_and_what_changes(drawn, tmp_path):
     studies = []
     for study in (_study("yaw_blind", 0.5, "fly_away"), _study("sail_frame", 0.4, "finished")):
         studies.append(tmp_path / f"{study['incidence']}.json")
-        studies[-1].write_text(json.dumps(study), encoding="utf-8")
+        write_json(studies[-1], study)
     table, text = tmp_path / "table.csv", tmp_path / "text.md"
     drawn("conclusions", "--studies", *studies, "--csv", table, "--markdown", text)
     assert "- wide gaps: linear stability: **stands** (unstable); flight: **changes** (bounded" in text.read_text()
@@ -146,14 +148,14 @@ def test_conclusions_say_what_the_heat_of_the_gratings_does(drawn, tmp_path):
         "end": "finished", "time_s": 0.6, "temperature_K": 1251.6, "strain": 1.143e-3, "slack": 0.23,
         "distance_m": 0.0836, "height_m": 65.0,
     }
-    heat.write_text(json.dumps({
+    write_json(heat, {
         "scene": "fig6", "rings": 12, "taut": 0.01, "flights": [flight], "intensity": {**flight, "intensity_W_m2": 3e8},
         "emissivity": {**flight, "emissivity": 0.35},
-    }), encoding="utf-8")
+    })
     studies = [_study(kind, 0.5, "fly_away") for kind in ("yaw_blind", "sail_frame")]
     names = [study.with_name(f"{s['incidence']}.json") for s in studies]
     for name, one in zip(names, studies, strict=True):
-        name.write_text(json.dumps(one), encoding="utf-8")
+        write_json(name, one)
     text = tmp_path / "text.md"
     drawn("conclusions", "--studies", *names, "--heat", heat, "--csv", tmp_path / "t.csv", "--markdown", text)
     said = text.read_text(encoding="utf-8")
@@ -185,7 +187,7 @@ def test_the_best_of_a_family_stand_beside_the_sail_they_vary(basins, results, t
     family = ROOT / "workflow/designs/wider_periods.yaml"
     sail = {"te.period_nm": 1600.0, "tm.gap_nm": 200.0, "acceleration_m_s2": 350.0, "eligible": True, "rank": 1}
     frame = pd.DataFrame([sail, {**sail, "te.period_nm": 1650.0, "rank": 0}])
-    frame.to_parquet(tmp_path / "screened.parquet")
+    write_parquet(tmp_path / "screened.parquet", frame.to_parquet())
     folder = results / "scenes/spinning"
     given = ["--family", family, "--screened", tmp_path / "screened.parquet", "--base", folder, "--csv",
              tmp_path / "table.csv", "--markdown", tmp_path / "table.md"]
@@ -219,7 +221,7 @@ def _screened():
 
 @pytest.mark.parametrize("kind", ["search", "gap_study", "tolerances"])
 def test_families(drawn, tmp_path, kind):
-    _screened().to_parquet(tmp_path / "screened.parquet")
+    write_parquet(tmp_path / "screened.parquet", _screened().to_parquet())
     text = drawn("families", "--kind", kind, "--screened", tmp_path / "screened.parquet")
     assert {"search": "published design", "gap_study": "stability lost at 1.60", "tolerances": "Wilson"}[kind] in text
 
@@ -312,7 +314,7 @@ def _check(results, out, fdtd="fdtd", suffix="_fdtd"):
 
 def test_solvers_that_agree_pass_the_check(results, tmp_path):
     assert _check(results, tmp_path / "checks.json") == (0, "")
-    checks = json.loads((tmp_path / "checks.json").read_text(encoding="utf-8"))
+    checks = read_json(tmp_path / "checks.json")["checks"]
     assert [c["of"] for c in checks] == ["mark1e_te"] * 3 + ["mark1e_tm"] * 3 + ["spinning"]
     assert all(c["pass"] and c["value"] <= c["limit"] for c in checks)
     assert [c["value"] for c in checks if "Δq" in c["quantity"]] == pytest.approx([1e-3] * 4, rel=1e-6)
@@ -323,9 +325,9 @@ def test_solvers_that_disagree_fail_it_with_one_line_and_leave_nothing(results, 
     for name, table in smooth_tables().items():
         table.q_nodes[2] += 0.012 if name == "mark1e_te" else 0.0
         table.write(results / "tables" / name / "wrong.h5")
-    analysis = json.loads((results / "scenes/spinning/floquet.json").read_text())
+    analysis = read_json(results / "scenes/spinning/floquet.json")
     analysis["multipliers"][0][0] += 0.02
-    (results / "scenes/spinning/floquet_wrong.json").write_text(json.dumps(analysis))
+    write_json(results / "scenes/spinning/floquet_wrong.json", analysis)
     (results / "scenes/still/floquet_wrong.json").write_text((results / "scenes/still/floquet.json").read_text())
     code, line = _check(results, tmp_path / "checks.json", "wrong", "_wrong")
     assert (code, list(tmp_path.iterdir())) == (2, [])

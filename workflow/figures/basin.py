@@ -10,7 +10,7 @@ from drawing import np, parser, plt, save
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from optics.files import InputError, run_stage
+from optics.files import InputError, reading, run_stage
 from optics.hdf5 import read_hdf5
 
 TITLES = {"sail_frame": "incidence seen by the sail", "yaw_blind": "incidence of the paper, blind to yaw"}
@@ -18,12 +18,9 @@ TITLES = {"sail_frame": "incidence seen by the sail", "yaw_blind": "incidence of
 
 def read(path: Path) -> dict[str, Any]:
     """Datasets of a whole map, and its scene and grid; InputError where it is none."""
-    try:
-        with read_hdf5(path) as file:
-            data = {name: item[()] for name, item in file.items()}
-            data |= {name: json.loads(file.attrs[name]) for name in ("scene", "grid", "reasons")}
-    except (OSError, KeyError) as error:
-        raise InputError(f"{path}: not a readable basin map ({error})") from None
+    with reading(path, "a readable basin map"), read_hdf5(path) as file:
+        data = {name: item[()] for name, item in file.items()}
+        data |= {name: json.loads(file.attrs[name]) for name in ("scene", "grid", "reasons")}
     if data["end_time"].ndim != 2:
         raise InputError(f"{path}: one part of a basin map; give the map")
     return data

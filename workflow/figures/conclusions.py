@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from drawing import BLUE, ORANGE, parser, plt, save
 from matplotlib.figure import Figure
 
-from optics.files import atomic, run_stage
+from optics.files import atomic, read_json, run_stage
 
 MODELS = {"yaw_blind": "yaw-blind", "sail_frame": "true"}
 RELEASES = {"displaced": "displaced", "tilted": "displaced and tilted"}
@@ -201,16 +200,16 @@ def main() -> None:
     arguments.add_argument("--csv", required=True, type=Path, help="table to write")
     arguments.add_argument("--markdown", required=True, type=Path, help="table and conclusions to write")
     given = arguments.parse_args()
-    studies = [json.loads(path.read_text(encoding="utf-8")) for path in given.studies]
+    studies = [read_json(path) for path in given.studies]
     by = {(s["case"], s["incidence"]): s for s in studies}
-    pairs = [tuple(by[name, model] for model in MODELS) for name in dict.fromkeys(s["case"] for s in studies)]
+    pairs = [(by[name, "yaw_blind"], by[name, "sail_frame"]) for name in dict.fromkeys(s["case"] for s in studies)]
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(COLUMNS)
     for study in (study for pair in pairs for study in pair):
         line = row(study)
         writer.writerow([_text(line.get(column)) for column in COLUMNS])
-    heat = json.loads(given.heat.read_text(encoding="utf-8")) if given.heat else None
+    heat = read_json(given.heat) if given.heat else None
     said = markdown(pairs) + ("\n".join(heat_section(heat)) + "\n" if heat else "")
     for path, text in ((given.csv, stream.getvalue()), (given.markdown, said)):
         with atomic(path) as temporary:

@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from optics.files import InputError, Stopwatch, atomic, finish
+from optics.files import Stopwatch, atomic, finish, reading
 from optics.hdf5 import read_hdf5
 from optics.made import NAME, as_attribute
 
@@ -69,9 +69,6 @@ def solver(floquet: dict[str, Any]) -> str:
 
 def read_series(path: Path) -> dict[str, Floats]:
     """Datasets of a rigid flight, or of the group /series of a flexible one; InputError where there is no such file."""
-    try:
-        with read_hdf5(path) as file:
-            group = file.get("series", file)
-            return {name: item[()] for name, item in group.items() if isinstance(item, h5py.Dataset)}
-    except OSError as error:
-        raise InputError(f"{path}: not a readable flight ({error})") from None
+    with reading(path, "a readable flight"), read_hdf5(path) as file:
+        group = file.get("series", file)
+        return {name: item[()] for name, item in group.items() if isinstance(item, h5py.Dataset)}

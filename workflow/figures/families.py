@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
 from optics.files import run_stage
+from optics.parquet import read_parquet
 
 # Where the tables of the paper's "20 % larger gap" really lie, and the gaps taken at their word, in nm.
 PAPER_GAPS = {"the paper's tables of its 20 % case": (337.5, 342.0, "D"), "a gap 20 % wider": (228.0, 240.0, "s")}
@@ -165,7 +166,7 @@ def main() -> None:
     arguments.add_argument("--kind", required=True, choices=KINDS, help="which of the studies")
     arguments.add_argument("--screened", required=True, type=Path, help="Parquet file of dynamics.screening")
     given = arguments.parse_args()
-    save(KINDS[given.kind](pd.read_parquet(given.screened)), given.out, given.svg)
+    save(KINDS[given.kind](read_parquet(given.screened)), given.out, given.svg)
 
 
 if __name__ == "__main__":

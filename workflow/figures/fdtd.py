@@ -8,7 +8,7 @@ from drawing import COLOURS, Floats, np, parser, plt, save
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from optics.files import InputError, run_stage
+from optics.files import reading, run_stage
 from optics.hdf5 import read_hdf5
 from optics.table import PressureTable
 
@@ -20,12 +20,9 @@ def read_parts(paths: list[Path]) -> dict[str, Floats]:
     """Columns of the part files of one design, joined."""
     columns: dict[str, list[Floats]] = {name: [] for name in COLUMNS}
     for path in paths:
-        try:
-            with read_hdf5(path) as file:
-                for name in COLUMNS:
-                    columns[name].append(file[name][()])
-        except (OSError, KeyError) as error:
-            raise InputError(f"{path}: not a readable part file of FDTD ({error})") from None
+        with reading(path, "a readable part file of FDTD"), read_hdf5(path) as file:
+            for name in COLUMNS:
+                columns[name].append(file[name][()])
     return {name: np.concatenate(values) for name, values in columns.items()}
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from drawing import Floats, np, read_series
 
 from dynamics.scene import Scene
+from optics.files import reading
 from optics.hdf5 import read_hdf5
 
 #: Share of its first breadth below which a sail counts as collapsed.
@@ -45,7 +46,7 @@ class Flown:
 def read(path: Path) -> Flown:
     """A flight file."""
     series = read_series(path)
-    with read_hdf5(path) as file:
+    with reading(path, "a readable flight"), read_hdf5(path) as file:
         end, grid = dict(file["series"].attrs), file["VTKHDF"]
         times, starts = grid["Steps/Values"][()], grid["Steps/PointOffsets"][()]
         n = int(grid["NumberOfPoints"][0])

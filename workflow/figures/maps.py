@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dynamics.maps import equilibria
-from optics.files import run_stage
+from optics.files import reading, run_stage
 from optics.hdf5 import read_hdf5
 
 Maps = dict[str, np.ndarray]
@@ -53,7 +53,7 @@ def main() -> None:
     arguments.add_argument("--maps", required=True, type=Path, help="file of dynamics.maps")
     arguments.add_argument("--name", required=True, help="name of the scene")
     given = arguments.parse_args()
-    with read_hdf5(given.maps) as file:
+    with reading(given.maps, "a readable map"), read_hdf5(given.maps) as file:
         maps = {name: file[name][()] for name in file}
     save(draw(maps, given.name), given.out, given.svg)
 

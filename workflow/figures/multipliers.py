@@ -10,7 +10,7 @@ from drawing import COLOURS, named, parser, plt, save, solver
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from optics.files import run_stage
+from optics.files import read_json, run_stage
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
@@ -80,7 +80,7 @@ def main() -> None:
     arguments.add_argument("--floquet", required=True, nargs="+", type=named, help="NAME=floquet.json of each scene")
     arguments.add_argument("--fdtd", nargs="*", default=[], type=named, help="the same, from FDTD tables")
     given = arguments.parse_args()
-    read = ({name: json.loads(path.read_text()) for name, path in pairs} for pairs in (given.floquet, given.fdtd))
+    read = ({name: read_json(path) for name, path in pairs} for pairs in (given.floquet, given.fdtd))
     save(draw(*read), given.out, given.svg)
 
 

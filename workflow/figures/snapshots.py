@@ -10,7 +10,7 @@ from drawing import Floats, np, parser, plt, save
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
-from optics.files import InputError, run_stage
+from optics.files import reading, run_stage
 from optics.hdf5 import read_hdf5
 
 COUNT = 4
@@ -35,11 +35,7 @@ class Snapshot:
 
 def read(path: Path) -> list[Snapshot]:
     """COUNT snapshots from release, or from the start if it never came, to the end of a transient VTKHDF grid."""
-    try:
-        file = read_hdf5(path)
-    except OSError as error:
-        raise InputError(f"{path}: not a readable flight ({error})") from None
-    with file:
+    with reading(path, "a readable flight"), read_hdf5(path) as file:
         grid = file["VTKHDF"]
         steps, cells = grid["Steps"], grid["CellData/temperature"]
         times = steps["Values"][()]

@@ -8,14 +8,13 @@ from __future__ import annotations
 import argparse
 import csv
 import html
-import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from drawing import read_series, solver
 
-from optics.files import Stopwatch, atomic, finish, run_stage
+from optics.files import Stopwatch, atomic, finish, read_json, run_stage
 from optics.hdf5 import read_hdf5
 from optics.promise import read_promise
 from optics.table import PressureTable
@@ -55,7 +54,7 @@ def difference_rows(modal: Path, fdtd: Path) -> Iterator[Row]:
 
 def stability_rows(path: Path) -> Iterator[Row]:
     """Verdict and multipliers (without spin: exponents) of a stability analysis; of conjugate pairs the upper one."""
-    data = json.loads(path.read_text())
+    data = read_json(path)
     of = f"{path.parent.name}, {solver(data)} tables"
     yield "stability", of, "verdict", data["verdict"].replace("_", " "), ""
     if data["undecided_because"]:
