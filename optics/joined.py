@@ -32,15 +32,16 @@ QUANTITIES = 16
 class Setup(NamedTuple):
     """The layers of a grating, in solver units.
 
-    pitch: λ/d. front: index in front. index (m,), depth (m − 1,): of the thick layers and what lies behind them, the
-    half-space last; with a patterned part behind them of the thick layers alone, and the half-space. first, n: the
-    first order that is followed in the thick layers, and how many components all of them have; likewise for those in
-    front of the cell and behind it. lossy_*: do the parts hold what they take. axis: 0 for light along g, 1 along r.
+    pitch: λ/d. front: index in front. media (m,), depth (m − 1,): index and k₀d of the thick layers and what lies
+    behind them, the half-space last; with a patterned part behind them of the thick layers alone, and the half-space.
+    first, n: the first order that is followed in the thick layers, and how many components all of them have; likewise
+    for those in front of the cell and behind it. lossy_*: do the parts hold what they take. axis: 0 for light along g,
+    1 along r.
     """
 
     pitch: float
     front: float
-    index: Matrix
+    media: Matrix
     depth: Floats
     first: int
     n: int
@@ -86,12 +87,12 @@ def _admittance(index: complex, k_z: complex, p: bool) -> complex:
 @numba.njit(cache=True, error_model="numpy")
 def _returned(s: Setup, k_t: float, p: bool) -> tuple[complex, complex]:
     """ρ of all layers and the half-space, and ẑ × E in that per f₊: as in `optics.lamellar.tail`."""
-    last = s.index.size - 1
-    y = _admittance(s.index[last], wave_number(s.index[last], k_t), p)
+    last = s.media.size - 1
+    y = _admittance(s.media[last], wave_number(s.media[last], k_t), p)
     rho, through = (1 - y) / (1 + y), 1 / (1 + y)
     for i in range(last - 1, -1, -1):
-        k_z = wave_number(s.index[i], k_t)
-        y, x = _admittance(s.index[i], k_z, p), np.exp(1j * k_z * s.depth[i])
+        k_z = wave_number(s.media[i], k_t)
+        y, x = _admittance(s.media[i], k_z, p), np.exp(1j * k_z * s.depth[i])
         bounce = (rho * (1 + y) - (1 - y)) * x / ((1 + y) - rho * (1 - y))
         top = (1 + y) + (1 - y) * x * bounce
         rho, through = ((1 - y) + (1 + y) * x * bounce) / top, through * ((1 + y) * x + (1 - y) * bounce) / top
@@ -102,9 +103,9 @@ def _returned(s: Setup, k_t: float, p: bool) -> tuple[complex, complex]:
 def _crossed(s: Setup, k_t: float, p: bool) -> tuple[complex, complex, complex]:
     """What the layers alone make of f: reflected from the front, sent on, reflected from behind."""
     r, t, back = 0j, 1 + 0j, 0j
-    for i in range(s.index.size - 1):
-        k_z = wave_number(s.index[i], k_t)
-        y, x = _admittance(s.index[i], k_z, p), np.exp(1j * k_z * s.depth[i])
+    for i in range(s.media.size - 1):
+        k_z = wave_number(s.media[i], k_t)
+        y, x = _admittance(s.media[i], k_z, p), np.exp(1j * k_z * s.depth[i])
         whole = 1 / ((1 + y) * (1 + y) - (1 - y) * (1 - y) * x * x)
         r_1, t_1 = (1 - y * y) * (1 - x * x) * whole, 4 * y * x * whole
         d = 1 / (1 - back * r_1)
@@ -241,7 +242,7 @@ def _leaving(out: Floats, waves: Matrix, s: Setup, first: int, index: complex, u
 @numba.njit(cache=True, error_model="numpy")
 def _sent(out: Floats, fields: Matrix, s: Setup, u: float, v: float) -> None:
     """Add the force of ẑ × E (n, 2) in the half-space behind homogeneous layers; what leaves is not absorbed."""
-    index, c, turned = s.index[s.index.size - 1], s.n // 2, np.empty((2, 2), np.complex128)
+    index, c, turned = s.media[s.media.size - 1], s.n // 2, np.empty((2, 2), np.complex128)
     for m in range(c if index.imag == 0.0 else 0):
         u_m = u + (s.first + m) * s.pitch
         k_t, a, b = _turn(u_m, v)
@@ -311,7 +312,7 @@ def respond(s: Setup, x: Floats, u: float, v: float, out: Floats) -> None:
     if s.patterned:
         returned = product(matrix(x, part, s.n, s.n, 0, s.n), ahead)
         _flow(out, ahead, returned, -1.0)
-        index = s.index[s.index.size - 1]
+        index = s.media[s.media.size - 1]
         if index.imag == 0.0:
             sent = product(matrix(x, part + 2 * s.n * s.n, s.n_sent, s.n, 0, s.n), ahead)
             _leaving(out, sent, s, s.first_sent, index, u, v, -1.0)

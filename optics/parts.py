@@ -6,8 +6,8 @@ scattering matrices, and `optics.thick_table` joins them at each direction. (The
 gratings: Li 1996, J. Opt. Soc. Am. A 13, 1024.)
 
 Beside a thick layer fields are held as f± = ẑ × E ± h (`optics.lamellar`): waves of a medium whose admittance is 1 for
-every order and polarisation. In it matrices are bounded by 1, as the parts are passive, and know nothing of the cut-offs
-of the layer itself, whose orders have poles and branch points there. Only orders that cross a thick layer somewhere in
+every order and polarisation. There matrices are bounded by 1, as the parts are passive, and know nothing of the
+cut-offs of the layer itself, where admittances vanish or have poles. Only orders that cross a thick layer somewhere in
 the window are followed (`Parted.channels`); for all others the layer has no far side.
 
     front part:  [f₊ behind, f₋ in front] = F [light, f₋ behind],     back part:  [f₋, f₊ behind it] = B f₊
@@ -158,7 +158,7 @@ class _Solver:
         return out
 
     def weights(self, orders: Orders, permittivity: complex) -> Complexes:
-        """Power of outgoing f (n_d, count, 2, 2) in a lossless half-space: Re y / |1 + y|² of s and p waves that run."""
+        """Power of outgoing f (n_d, count, 2, 2) in a lossless half-space: Re y/|1 + y|² of waves that run."""
         at = orders.among(self.order)[: orders.count]
         u_m = self.u_m[:, at]
         k_z, y = lamellar.half_space(u_m, self.v, permittivity)

@@ -30,6 +30,8 @@ from optics.interpolation import lookup as lookup
 from optics.patches import Values, make_patches
 from optics.section import Section, cross_section
 from optics.strips import Curves, lay_out, no_curves
+from optics.thick_table import GAIN, OWN, Thick, read_thick, thick_variables, with_thick
+from optics.thick_table import STOKES as STOKES_OF_THICK
 from optics.tracks import Resonances, without
 
 SCHEMA = 2
@@ -90,6 +92,9 @@ class PressureTable:
     Of films: amplitudes (6, n_u, 1), real and imaginary part of r_s, those of r_p, and the absorptance of s and of p
     light; r as in `optics.thin_film.amplitudes`, with r_p = −r_s at normal incidence. film: the stack itself, where
     samples would miss fringes or resonances; values are then those of the stack at every direction.
+
+    Of gratings on thick layers: thick, the parts before and behind these, which look-ups join. `error` is then the
+    largest found around a node; `stated_error` tells that of a direction.
     """
 
     u: Floats
@@ -107,6 +112,7 @@ class PressureTable:
     amplitudes: Floats | None = None
     resonances: Resonances | None = None
     film: Film | None = None
+    thick: Thick | None = None
 
     def __post_init__(self) -> None:
         self._check_axes()
@@ -115,6 +121,9 @@ class PressureTable:
         if self.resonances:
             self._check_resonances(self.resonances)
             sizes |= {"part": 2, "pole": self.resonances.count, "pole_v": self.resonances.v.size}
+        if self.thick:
+            sizes |= {"amplitude": self.thick.parity.size, "thick_medium": self.thick.index.size, "wave": 3}
+            sizes |= {"thick_number": 2, "thick_flag": self.thick.flags.size}
         for name, (dims, array, _) in self._variables().items():
             if array.shape != (want := tuple(sizes[dim] for dim in dims)):
                 raise InputError(f"{name} has shape {array.shape}; must be {want}")
@@ -210,6 +219,8 @@ class PressureTable:
             }
         if self.resonances:
             found |= _pole_variables(self.resonances)
+        if self.thick:
+            found |= thick_variables(self.thick)
         return {name: (dims, array, text) for name, (dims, array, text) in found.items() if array is not None}
 
     def _values(self, stokes: bool) -> Values:
@@ -236,6 +247,8 @@ class PressureTable:
 
         With `stokes` they give 16 quantities, q_g, q_r, q_n and absorptance for each of the Stokes components.
         """
+        if self.thick and not nearest:
+            return with_thick(self._parts, self.thick, STOKES_OF_THICK if stokes else OWN)
         values, found = self._values(stokes), None
         if self.resonances:
             found = self.resonances.take(slice(_OWN, None) if stokes else slice(0, _OWN))
@@ -266,6 +279,21 @@ class PressureTable:
     @cached_property
     def _arrays(self) -> TableArrays:
         return self.arrays()
+
+    @cached_property
+    def _parts(self) -> TableArrays:
+        """The interpolated parts of a grating on thick layers."""
+        assert self.thick is not None
+        layout = lay_out(self._curves, self.u[0], self.u[-1], self.v)
+        values = Values(self.u, self.v, self.thick.nodes, self.thick.on_curves, self.thick.parity)
+        return pack(layout, values, make_patches(layout, values), False, False)
+
+    def _gain(self, u: Floats, v: Floats) -> Floats:
+        """How much errors (...) of the parts grow at directions u, v (...) within the table."""
+        assert self.thick is not None
+        out = np.empty((u.size, 4))
+        lookup_many(with_thick(self._parts, self.thick, GAIN), u.flatten(), v.flatten(), out)
+        return out[:, 0].reshape(u.shape)
 
     def _look_up(self, u: Any, v: Any) -> tuple[Floats, tuple[int, ...]]:
         uu, vv = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
@@ -313,10 +341,13 @@ class PressureTable:
         """
         error = self.error_stokes if polarised and self.error_stokes is not None else self.error
         u, v = self.nearest(u, v)
+        gain: Floats | float = 1.0
+        if self.thick:
+            error, gain = (self.thick.error_stokes if polarised else self.thick.error), self._gain(u, v)
         if self.axisymmetric:
             u, v = np.hypot(u, v), np.zeros_like(u)
         rows, lines = _around(self.u, u), _around(self.v, np.abs(v) if self.mirror_v else v)
-        return np.asarray(np.max([error[i, j] for i in rows for j in lines], axis=0))
+        return np.asarray(gain * np.max([error[i, j] for i in rows for j in lines], axis=0))
 
     def gradient(self, u: Any, v: Any) -> Floats:
         """∂(q_g, q_r, q_n)/∂(u, v) (..., 3, 2) at direction cosines u, v of a table that is not axisymmetric."""
@@ -405,9 +436,10 @@ class PressureTable:
         if any(str(name).startswith("pole_") for name in data.variables):
             resonances = _resonances(*numbers("pole_v", "pole_u", *_POLE_HEIGHTS))
         film = from_rows(numbers("film")[0], float(data["film_p_share"])) if "film" in data else None
+        thick = read_thick(numbers, cutoffs is not None) if "thick_parts" in data else None
         return cls(
             u, v, q, absorptance, error, mirror_v, axisymmetric, attrs, cutoffs, stokes[0], stokes[1], worst,
-            amplitudes, resonances, film,
+            amplitudes, resonances, film, thick,
         )
 
 

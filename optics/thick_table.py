@@ -6,6 +6,7 @@ interpolates these matrices and solves for the light between them (`optics.joine
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numba
@@ -58,7 +59,7 @@ class Thick:
         return np.array([self.index.size, *self.flags], dtype=np.int64)
 
     def at_nodes(self, u: Floats, v: Floats, parts: Floats) -> Floats:
-        """q and absorptance (20, n) at directions u, v (n), the parts there (k, n) given: of its own light, of Stokes'."""
+        """Quantities (20, n) as in `optics.quantities` at directions u, v (n), the parts there (k, n) given."""
         out = np.empty((u.size, 4 + QUANTITIES))
         _join_many(self.numbers, self.whole, np.ascontiguousarray(parts.T), u, v, out)
         return out.T
@@ -69,6 +70,33 @@ def with_thick(t: TableArrays, thick: Thick, kind: int) -> TableArrays:
     places = np.append(t.places, thick.whole)
     places[[KIND, NUMBERS]] = kind, t.numbers.size
     return t._replace(numbers=np.concatenate([t.numbers, thick.numbers]), places=places)
+
+
+def thick_variables(of: Thick) -> dict[str, tuple[tuple[str, ...], Floats, str]]:
+    """What a file holds of them: dims, array, long name."""
+    media = np.column_stack([of.index.real, of.index.imag, np.append(of.depth, 0.0)])
+    on_them = {"thick_cutoff_parts": (("amplitude", "cutoff", "v"), of.on_curves, "likewise, on the cut-offs")}
+    return {
+        "thick_parts": (("amplitude", "u", "v"), of.nodes, "scattering before and behind thick layers"),
+        **(on_them if of.on_curves.shape[1] else {}),
+        "thick_parity": (("amplitude",), of.parity, "of each under v → −v"),
+        "thick_error": (("u", "v"), of.error, "error of the parts; times their gain it covers that of q"),
+        "thick_error_stokes": (("u", "v"), of.error_stokes, "likewise, in any polarisation"),
+        "thick_media": (("thick_medium", "wave"), media, "n, k and phase depth of thick layers, half-space last"),
+        "thick_numbers": (("thick_number",), np.array([of.pitch, of.front]), "λ/d and the index in front"),
+        "thick_flags": (("thick_flag",), of.flags.astype(float), "orders followed, in front, behind; what parts hold"),
+    }
+
+
+def read_thick(numbers: Callable[..., list[Floats]], curves: bool) -> Thick:
+    """From what a file holds: `numbers` gives its arrays by name; has it cut-offs."""
+    names = ("parts", "parity", "error", "error_stokes", "media", "numbers", "flags")
+    nodes, signs, error, worst, media, both, flags = numbers(*(f"thick_{name}" for name in names))
+    on_them = numbers("thick_cutoff_parts")[0] if curves else np.empty((len(nodes), 0, nodes.shape[2]))
+    return Thick(
+        nodes, on_them, signs, error, worst, media[:, 0] + 1j * media[:, 1], media[:-1, 2].copy(), float(both[0]),
+        float(both[1]), flags.astype(np.int64),
+    )
 
 
 @numba.njit(cache=True, error_model="numpy")

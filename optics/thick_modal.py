@@ -1,0 +1,252 @@
+"""Tables of gratings on thick layers: directions at which the parts before and behind these are sampled.
+
+Errors of the parts grow in the light between them, where a wave that runs along the layers comes back to itself, by
+1/|1 − F_back ρ|. So the error of q is stated as that of the parts times their gain (`optics.joined.gain`) at the very
+direction, scaled until it covers what is found at random directions against direct solutions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optics import lamellar
+from optics.cells import LamellarStack, Metagrating, as_stack
+from optics.files import Stopwatch
+from optics.forecast import announce, forecast, require_time
+from optics.incidence import Floats
+from optics.interpolation import lookup_many
+from optics.membranes import thick_range
+from optics.parts import Parted, parity, part, scattering
+from optics.quantities import error_in_any, own_error, quantities
+from optics.refinement import Refined, refine
+from optics.samples import Samples, on_curves, start
+from optics.stretch import exact
+from optics.strips import rayleigh_curves
+from optics.thick_table import GAIN, OWN, STOKES, Thick, with_thick
+from optics.truncation import LADDER, Chosen, Forces, with_order
+from optics.verification import cover, spread_evenly, stated
+from optics.windows import first_directions
+
+# Modes that decay by so much across their layer don't see its far side.
+_NEGLIGIBLE = 1e-5
+# The parts are good to this share of the tolerance first, then to a part of that in each pass.
+_SHARE, _FINER, _PASSES = 1.0, 0.3, 4
+_STEP = 0.04  # between the first rows, and the first lines in v²
+_BLOCK = 256  # directions that are worked on at a time
+_COVERED = 0.985  # share of random directions that stated errors cover before those around the rest are raised
+_LEAST = 1e-3  # no error is stated as less than this share of the tolerance
+_AT = 0.99  # share of the directions that keep the tolerance
+_WITHIN = 8  # random directions in each patch
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Solves for the parts of a cell, extrapolated where it is a staircase."""
+
+    order: int
+    fine: Parted
+    half: Parted | None
+    check: Callable[[], None]
+
+    def __call__(self, u: Floats, v: Floats) -> Floats:
+        """The parts (k, n_u, n_v) at u × v."""
+        self.check()
+        one = self._of(self.fine, u, v)
+        return one if self.half is None else one + (one - self._of(self.half, u, v)) / 3
+
+    def _of(self, of: Parted, u: Floats, v: Floats) -> Floats:
+        found = [
+            scattering(of, np.repeat(some, v.size), np.tile(v, some.size), self.order, _NEGLIGIBLE)
+            for some in np.array_split(u, max(1, min(u.size, u.size * v.size // _BLOCK)))
+        ]
+        return np.concatenate(found, axis=1).reshape(-1, u.size, v.size)
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a table of a grating on thick layers holds: q and absorptance (20, ...) at its nodes and on its cut-offs.
+
+    error, error_stokes (n_u, n_v): of q, the largest found around each node. reasons: why they are not smaller.
+    """
+
+    chosen: Chosen
+    samples: Samples
+    thick: Thick
+    nodes: Floats
+    on_curves: Floats
+    error: Floats
+    error_stokes: Floats
+    reasons: tuple[str, ...]
+
+
+def _parted(cell: Metagrating | LamellarStack, least_nm: float, u_max: float) -> Parted:
+    """The cell in solver units, parted by the layers of at least `least_nm`."""
+    layers = thick_range(as_stack(cell), least_nm)
+    assert layers is not None
+    return part(lamellar.prepare(cell), *layers, u_max)
+
+
+def _with_enough(chosen: Chosen, of: Parted) -> Chosen:
+    """The same with so many orders that those followed in thick layers are among the exact ones."""
+    for order in [n for n in LADDER if n >= chosen.order]:
+        of_stretch = of.stack.stretch(order)
+        held = np.ones(2 * order + 1, bool) if of_stretch is None else exact(of_stretch, 2 * order + 1)
+        most = max(of.channels.highest, of.outputs.highest, of.sent.highest)
+        if order > most and held[order - most : order + most + 1].all():
+            break
+    return chosen if order == chosen.order else with_order(chosen, order)
+
+
+def _thick(of: Parted, samples: Samples, errors: Floats, axis: str) -> Thick:
+    """What look-ups need."""
+    layers = [*of.chain, *([] if of.patterned_behind else of.behind)]
+    front, back = of.lossless
+    sides = [x for side in (of.channels, of.outputs, of.sent) for x in (side.first, 2 * side.count)]
+    flags = [*sides, of.patterned_behind, not front, of.patterned_behind and not back, {"g": 0, "r": 1}[axis]]
+    return Thick(
+        samples.nodes, samples.on_curves, samples.parity, errors[0], errors[1],
+        np.sqrt(np.array([*(layer.background for layer in layers), of.stack.back], complex)),
+        np.array([layer.thickness for layer in layers]), of.stack.pitch, of.stack.front_index,
+        np.array(flags, dtype=np.int64),
+    )
+
+
+@dataclass(frozen=True)
+class _Truth:
+    """At random directions u (n), v (n, m): what direct solutions give (20, n m), and their own errors (2, n m)."""
+
+    u: Floats
+    v: Floats
+    exact: Floats
+    orders: Floats
+
+    @property
+    def flat(self) -> tuple[Floats, Floats]:
+        """The directions one after the other (n m)."""
+        return np.repeat(self.u, self.v.shape[1]), self.v.ravel()
+
+
+def _truth(chosen: Chosen, u: Floats, v: Floats) -> _Truth:
+    """Direct solutions at random directions over a window."""
+    u, v = spread_evenly(u, v)
+    exact, orders = [], []
+    for x, y in zip(u[:, None], v, strict=True):
+        response = chosen.solve(x, y)
+        exact.append(quantities(response)[:, 0])
+        orders.append(np.array(chosen.errors(x, y, Forces(response.q, response.q_stokes)))[:, 0])
+    return _Truth(u, v, np.concatenate(exact, axis=1), np.concatenate(orders, axis=1))
+
+
+def _looked_up(samples: Samples, thick: Thick, u: Floats, v: Floats) -> tuple[Floats, Floats]:
+    """Quantities (20, n) and gain (n) of a table at directions u, v (n)."""
+    own, stokes, gain = np.empty((u.size, 4)), np.empty((u.size, 16)), np.empty((u.size, 4))
+    arrays = samples.arrays(samples.parity.size)
+    for kind, out in ((OWN, own), (STOKES, stokes), (GAIN, gain)):
+        lookup_many(with_thick(arrays, thick, kind), u, v, out)
+    return np.concatenate([own, stokes], axis=1).T, gain[:, 0]
+
+
+@dataclass(frozen=True)
+class _Stated:
+    """Errors (2, n_u, n_v) of the parts; error of q that they state at 99 % of directions; is it that of the orders."""
+
+    errors: Floats
+    at_99: float
+    by_orders: bool
+
+
+def _state(truth: _Truth, refined: Refined, thick: Thick, tolerance: float) -> _Stated:
+    """Errors of the parts that, times their gain, cover those of q."""
+    samples, (u, v) = refined.samples, truth.flat
+    values, gain = _looked_up(samples, thick, u, v)
+    between = np.stack([own_error(truth.exact - values), error_in_any(truth.exact - values)])
+    guess = np.repeat(refined.errors, 2, axis=0)
+    ratio = between / gain / stated(guess, samples.u, samples.v, u, v)
+    errors = guess * np.quantile(ratio, _COVERED, axis=1)[:, None, None]
+    errors = errors + np.quantile(truth.orders / gain, _COVERED, axis=1)[:, None, None]
+    least = _LEAST * tolerance / float(np.median(gain))
+    errors = cover(errors, samples.u, samples.v, u, v, (between + truth.orders) / gain, least)
+    at_99 = float(np.quantile(stated(errors, samples.u, samples.v, u, v)[0] * gain, _AT))
+    by_orders = float(np.quantile(truth.orders[0], _AT)) > float(np.quantile(between[0], _AT))
+    return _Stated(errors, at_99, by_orders)
+
+
+def _largest(differences: Floats) -> Floats:
+    """Largest error (...) of the parts (k, ...)."""
+    return np.asarray(np.abs(differences).max(axis=0))
+
+
+def _around_nodes(samples: Samples, thick: Thick, errors: Floats) -> Floats:
+    """Largest stated error (2, n_u, n_v) of q at the nodes and at some directions in the patches around them."""
+    rng, n_u, n_v = np.random.default_rng(0), samples.u.size - 1, samples.v.size - 1
+    share = rng.random((2, _WITHIN, n_u, n_v))
+    u = samples.u[:-1, None] + np.diff(samples.u)[:, None] * share[0]
+    v = samples.v[:-1] + np.diff(samples.v) * share[1]
+    gain = _looked_up(samples, thick, u.ravel(), v.ravel())[1].reshape(u.shape).max(axis=0)
+    own = _looked_up(samples, thick, *(x.ravel() for x in np.meshgrid(samples.u, samples.v, indexing="ij")))[1]
+    found = errors * own.reshape(n_u + 1, n_v + 1)
+    corners = [(slice(a, n_u + a), slice(b, n_v + b)) for a in (0, 1) for b in (0, 1)]
+    patch = gain * np.max([errors[:, i, j] for i, j in corners], axis=0)
+    for i, j in corners:
+        found[:, i, j] = np.maximum(found[:, i, j], patch)
+    return found
+
+
+def _again(samples: Samples, parts: _Parts) -> Samples:
+    """The same directions with other orders."""
+    on_them = on_curves(parts, samples.curves, samples.v, samples.u[0], samples.u[-1], samples.parity.size)
+    return replace(samples, solve=parts, nodes=parts(samples.u, samples.v), on_curves=on_them)
+
+
+def find(
+    chosen: Chosen, least_nm: float, u_max: float, v_max: float, tolerance: float, most_minutes: float
+) -> Found:
+    """Directions, and orders, with which look-ups keep `tolerance`; layers of at least `least_nm` are thick.
+
+    InputError where that takes longer than `most_minutes`.
+    """
+    watch, name = Stopwatch(), chosen.cell.name
+    of = _parted(chosen.cell, least_nm, u_max)
+    half = None if chosen.half is None else _parted(chosen.half, least_nm, u_max)
+    chosen = _with_enough(chosen, of)
+    parts = _Parts(chosen.order, of, half, lambda: require_time(watch.cpu_seconds, name, most_minutes))
+    around = {of.stack.front_index, *([float(np.sqrt(of.stack.back).real)] if of.patterned_behind else [])}
+    curves = rayleigh_curves(of.stack.pitch, tuple(n for n in around if n > v_max), -u_max, u_max, v_max)
+    u, v = first_directions(curves, u_max, v_max, _STEP)
+    announce(forecast(parts, u, v, len(curves), chosen.order, len(of.front) + len(of.behind)), name, most_minutes)
+    signs = parity(of)
+    samples = start(parts, curves, u, v, signs, signs.size)
+    truth, share = _truth(chosen, u, v), _SHARE
+    for _ in range(_PASSES):
+        refined = refine(samples, share * tolerance, [_largest], f"modal {name}")
+        samples = refined.samples
+        thick = _thick(of, samples, np.ones((2, samples.u.size, samples.v.size)), chosen.cell.electric_axis)
+        found = _state(truth, refined, thick, tolerance)
+        if found.at_99 <= tolerance:
+            break
+        if found.by_orders and chosen.order < LADDER[-1]:
+            chosen = with_order(chosen, next(n for n in LADDER if n > chosen.order))
+            parts = replace(parts, order=chosen.order)
+            samples, truth = _again(samples, parts), _truth(chosen, u, v)
+        else:
+            share *= _FINER
+    return _whole(chosen, refined, replace(thick, error=found.errors[0], error_stokes=found.errors[1]))
+
+
+def _whole(chosen: Chosen, refined: Refined, thick: Thick) -> Found:
+    """What the table holds besides."""
+    samples = refined.samples
+    uu, vv = np.meshgrid(samples.u, samples.v, indexing="ij")
+    nodes = thick.at_nodes(uu.ravel(), vv.ravel(), samples.nodes.reshape(len(samples.nodes), -1))
+    at, on_them = samples.curves.u(samples.v), np.full((len(nodes), len(samples.curves), samples.v.size), np.nan)
+    held = np.isfinite(samples.on_curves).all(axis=0)
+    lines = np.broadcast_to(samples.v, at.shape)
+    on_them[:, held] = thick.at_nodes(at[held], lines[held], samples.on_curves[:, held])
+    errors = _around_nodes(samples, thick, np.stack([thick.error, thick.error_stokes]))
+    return Found(
+        chosen, samples, thick, nodes.reshape(-1, *uu.shape), on_them, errors[0], errors[1],
+        (*chosen.reasons, *refined.reasons),
+    )
