@@ -33,7 +33,7 @@ from optics.windows import first_directions
 # Modes that decay by so much across their layer don't see its far side.
 _NEGLIGIBLE = 1e-5
 # The parts are good to this share of the tolerance first, then to a part of that in each pass.
-_SHARE, _FINER, _PASSES = 1.0, 0.3, 4
+_SHARE, _FINER, _PASSES = 2.0, 0.3, 4
 _STEP = 0.04  # between the first rows, and the first lines in v²
 _BLOCK = 256  # directions that are worked on at a time
 _COVERED = 0.985  # share of random directions that stated errors cover before those around the rest are raised
