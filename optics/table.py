@@ -122,8 +122,8 @@ class PressureTable:
             self._check_resonances(self.resonances)
             sizes |= {"part": 2, "pole": self.resonances.count, "pole_v": self.resonances.v.size}
         if self.thick:
-            sizes |= {"amplitude": self.thick.parity.size, "thick_medium": self.thick.index.size, "wave": 3}
-            sizes |= {"thick_number": 2, "thick_flag": self.thick.flags.size}
+            sizes |= {"amplitude": self.thick.parity.size, "thick_medium": self.thick.layers.index.size, "wave": 3}
+            sizes |= {"thick_number": 2, "thick_flag": self.thick.layers.flags.size}
         for name, (dims, array, _) in self._variables().items():
             if array.shape != (want := tuple(sizes[dim] for dim in dims)):
                 raise InputError(f"{name} has shape {array.shape}; must be {want}")

@@ -16,7 +16,7 @@ from optics import lamellar
 from optics.cells import LamellarStack, Metagrating, as_stack
 from optics.files import Stopwatch
 from optics.forecast import announce, forecast, require_time
-from optics.incidence import Floats
+from optics.incidence import AXES, Floats
 from optics.interpolation import lookup_many
 from optics.membranes import thick_range
 from optics.parts import Parted, parity, part, scattering
@@ -25,7 +25,7 @@ from optics.refinement import Refined, refine
 from optics.samples import Samples, on_curves, start
 from optics.stretch import exact
 from optics.strips import rayleigh_curves
-from optics.thick_table import GAIN, OWN, STOKES, Thick, with_thick
+from optics.thick_table import GAIN, OWN, STOKES, Layers, Thick, with_thick
 from optics.truncation import LADDER, Chosen, Forces, with_order
 from optics.verification import cover, spread_evenly, stated
 from optics.windows import first_directions
@@ -100,18 +100,22 @@ def _with_enough(chosen: Chosen, of: Parted) -> Chosen:
     return chosen if order == chosen.order else with_order(chosen, order)
 
 
-def _thick(of: Parted, samples: Samples, errors: Floats, axis: str) -> Thick:
-    """What look-ups need."""
+def layers_of(of: Parted, axis: str) -> Layers:
+    """What look-ups know of a parted stack, for light along `axis`."""
     layers = [*of.chain, *([] if of.patterned_behind else of.behind)]
     front, back = of.lossless
     sides = [x for side in (of.channels, of.outputs, of.sent) for x in (side.first, 2 * side.count)]
-    flags = [*sides, of.patterned_behind, not front, of.patterned_behind and not back, {"g": 0, "r": 1}[axis]]
-    return Thick(
-        samples.nodes, samples.on_curves, samples.parity, errors[0], errors[1],
+    flags = [*sides, of.patterned_behind, not front, of.patterned_behind and not back, AXES[axis]]
+    return Layers(
         np.sqrt(np.array([*(layer.background for layer in layers), of.stack.back], complex)),
         np.array([layer.thickness for layer in layers]), of.stack.pitch, of.stack.front_index,
         np.array(flags, dtype=np.int64),
     )
+
+
+def _thick(samples: Samples, errors: Floats, layers: Layers) -> Thick:
+    """What look-ups join."""
+    return Thick(samples.nodes, samples.on_curves, samples.parity, errors[0], errors[1], layers)
 
 
 @dataclass(frozen=True)
@@ -217,13 +221,13 @@ def find(
     curves = rayleigh_curves(of.stack.pitch, tuple(n for n in around if n > v_max), -u_max, u_max, v_max)
     u, v = first_directions(curves, u_max, v_max, _STEP)
     announce(forecast(parts, u, v, len(curves), chosen.order, len(of.front) + len(of.behind)), name, most_minutes)
-    signs = parity(of)
+    signs, layers = parity(of), layers_of(of, chosen.cell.electric_axis)
     samples = start(parts, curves, u, v, signs, signs.size)
     truth, share = _truth(chosen, u, v), _SHARE
     for _ in range(_PASSES):
         refined = refine(samples, share * tolerance, [_largest], f"modal {name}")
         samples = refined.samples
-        thick = _thick(of, samples, np.ones((2, samples.u.size, samples.v.size)), chosen.cell.electric_axis)
+        thick = _thick(samples, np.ones((2, samples.u.size, samples.v.size)), layers)
         found = _state(truth, refined, thick, tolerance)
         if found.at_99 <= tolerance:
             break
@@ -240,11 +244,11 @@ def _whole(chosen: Chosen, refined: Refined, thick: Thick) -> Found:
     """What the table holds besides."""
     samples = refined.samples
     uu, vv = np.meshgrid(samples.u, samples.v, indexing="ij")
-    nodes = thick.at_nodes(uu.ravel(), vv.ravel(), samples.nodes.reshape(len(samples.nodes), -1))
+    nodes = thick.layers.join(uu.ravel(), vv.ravel(), samples.nodes.reshape(len(samples.nodes), -1))
     at, on_them = samples.curves.u(samples.v), np.full((len(nodes), len(samples.curves), samples.v.size), np.nan)
     held = np.isfinite(samples.on_curves).all(axis=0)
     lines = np.broadcast_to(samples.v, at.shape)
-    on_them[:, held] = thick.at_nodes(at[held], lines[held], samples.on_curves[:, held])
+    on_them[:, held] = thick.layers.join(at[held], lines[held], samples.on_curves[:, held])
     errors = _around_nodes(samples, thick, np.stack([thick.error, thick.error_stokes]))
     return Found(
         chosen, samples, thick, nodes.reshape(-1, *uu.shape), on_them, errors[0], errors[1],

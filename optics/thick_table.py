@@ -27,20 +27,12 @@ _STEP = 1e-4
 
 
 @dataclass(frozen=True)
-class Thick:
-    """What a look-up joins: sampled parts, and the layers between them.
+class Layers:
+    """Thick layers, and what look-ups know of the parts around them: see `optics.joined.Setup`.
 
-    nodes (k, n_u, n_v), on_curves (k, n_curves, n_v): the parts, as `optics.parts.scattering` gives them, with their
-    parity (k) under v → −v; NaN on curves outside the table. error, error_stokes (n_u, n_v): errors of the parts, which
-    times `optics.joined.gain` cover that of q. index (m,), depth (m − 1,), numbers (pitch, index in front) and flags:
-    as in `optics.joined.Setup`.
+    index (m,), depth (m − 1,): n + ik and k₀d, the half-space last. pitch: λ/d. front: index in front. flags (10).
     """
 
-    nodes: Floats
-    on_curves: Floats
-    parity: Floats
-    error: Floats
-    error_stokes: Floats
     index: NDArray[np.complex128]
     depth: Floats
     pitch: float
@@ -58,23 +50,41 @@ class Thick:
         """Flags as `optics.joined.setup` takes them."""
         return np.array([self.index.size, *self.flags], dtype=np.int64)
 
-    def at_nodes(self, u: Floats, v: Floats, parts: Floats) -> Floats:
+    def join(self, u: Floats, v: Floats, parts: Floats) -> Floats:
         """Quantities (20, n) as in `optics.quantities` at directions u, v (n), the parts there (k, n) given."""
         out = np.empty((u.size, 4 + QUANTITIES))
         _join_many(self.numbers, self.whole, np.ascontiguousarray(parts.T), u, v, out)
         return out.T
 
 
+@dataclass(frozen=True)
+class Thick:
+    """What a look-up joins: sampled parts, and the layers between them.
+
+    nodes (k, n_u, n_v), on_curves (k, n_curves, n_v): the parts, as `optics.parts.scattering` gives them, with their
+    parity (k) under v → −v; NaN on curves outside the table. error, error_stokes (n_u, n_v): errors of the parts, which
+    times `optics.joined.gain` cover that of q.
+    """
+
+    nodes: Floats
+    on_curves: Floats
+    parity: Floats
+    error: Floats
+    error_stokes: Floats
+    layers: Layers
+
+
 def with_thick(t: TableArrays, thick: Thick, kind: int) -> TableArrays:
     """The arrays of the interpolated parts made into those of a table in which a look-up joins them."""
-    places = np.append(t.places, thick.whole)
+    places = np.append(t.places, thick.layers.whole)
     places[[KIND, NUMBERS]] = kind, t.numbers.size
-    return t._replace(numbers=np.concatenate([t.numbers, thick.numbers]), places=places)
+    return t._replace(numbers=np.concatenate([t.numbers, thick.layers.numbers]), places=places)
 
 
 def thick_variables(of: Thick) -> dict[str, tuple[tuple[str, ...], Floats, str]]:
     """What a file holds of them: dims, array, long name."""
-    media = np.column_stack([of.index.real, of.index.imag, np.append(of.depth, 0.0)])
+    own = of.layers
+    media = np.column_stack([own.index.real, own.index.imag, np.append(own.depth, 0.0)])
     on_them = {"thick_cutoff_parts": (("amplitude", "cutoff", "v"), of.on_curves, "likewise, on the cut-offs")}
     return {
         "thick_parts": (("amplitude", "u", "v"), of.nodes, "scattering before and behind thick layers"),
@@ -83,8 +93,8 @@ def thick_variables(of: Thick) -> dict[str, tuple[tuple[str, ...], Floats, str]]
         "thick_error": (("u", "v"), of.error, "error of the parts; times their gain it covers that of q"),
         "thick_error_stokes": (("u", "v"), of.error_stokes, "likewise, in any polarisation"),
         "thick_media": (("thick_medium", "wave"), media, "n, k and phase depth of thick layers, half-space last"),
-        "thick_numbers": (("thick_number",), np.array([of.pitch, of.front]), "λ/d and the index in front"),
-        "thick_flags": (("thick_flag",), of.flags.astype(float), "orders followed, in front, behind; what parts hold"),
+        "thick_numbers": (("thick_number",), np.array([own.pitch, own.front]), "λ/d and the index in front"),
+        "thick_flags": (("thick_flag",), own.flags.astype(float), "orders followed, in front, behind; what parts hold"),
     }
 
 
@@ -93,15 +103,15 @@ def read_thick(numbers: Callable[..., list[Floats]], curves: bool) -> Thick:
     names = ("parts", "parity", "error", "error_stokes", "media", "numbers", "flags")
     nodes, signs, error, worst, media, both, flags = numbers(*(f"thick_{name}" for name in names))
     on_them = numbers("thick_cutoff_parts")[0] if curves else np.empty((len(nodes), 0, nodes.shape[2]))
-    return Thick(
-        nodes, on_them, signs, error, worst, media[:, 0] + 1j * media[:, 1], media[:-1, 2].copy(), float(both[0]),
-        float(both[1]), flags.astype(np.int64),
+    layers = Layers(
+        media[:, 0] + 1j * media[:, 1], media[:-1, 2].copy(), float(both[0]), float(both[1]), flags.astype(np.int64)
     )
+    return Thick(nodes, on_them, signs, error, worst, layers)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _join_many(numbers: Floats, flags: Indices, parts: Floats, u: Floats, v: Floats, out: Floats) -> None:
-    """`Thick.at_nodes`."""
+    """`Layers.join`."""
     s = setup(numbers, flags)
     for i in range(u.size):
         respond(s, parts[i], u[i], v[i], out[i, 4:])
