@@ -123,7 +123,9 @@ class PressureTable:
             sizes |= {"part": 2, "pole": self.resonances.count, "pole_v": self.resonances.v.size}
         if self.thick:
             sizes |= {"amplitude": self.thick.parity.size, "thick_medium": self.thick.layers.index.size, "wave": 3}
-            sizes |= {"thick_number": 2, "thick_flag": self.thick.layers.flags.size}
+            sizes |= {"thick_number": 2, "thick_flag": self.thick.layers.flags.size, "part": 2}
+            if found := self.thick.resonances:
+                sizes |= {"thick_pole": found.count, "thick_pole_v": found.v.size}
         for name, (dims, array, _) in self._variables().items():
             if array.shape != (want := tuple(sizes[dim] for dim in dims)):
                 raise InputError(f"{name} has shape {array.shape}; must be {want}")
@@ -284,9 +286,7 @@ class PressureTable:
     def _parts(self) -> TableArrays:
         """The interpolated parts of a grating on thick layers."""
         assert self.thick is not None
-        layout = lay_out(self._curves, self.u[0], self.u[-1], self.v)
-        values = Values(self.u, self.v, self.thick.nodes, self.thick.on_curves, self.thick.parity)
-        return pack(layout, values, make_patches(layout, values), False, False)
+        return self.thick.arrays(self._curves, self.u, self.v)
 
     def _gain(self, u: Floats, v: Floats) -> Floats:
         """How much errors (...) of the parts grow at directions u, v (...) within the table."""
@@ -436,7 +436,7 @@ class PressureTable:
         if any(str(name).startswith("pole_") for name in data.variables):
             resonances = _resonances(*numbers("pole_v", "pole_u", *_POLE_HEIGHTS))
         film = from_rows(numbers("film")[0], float(data["film_p_share"])) if "film" in data else None
-        thick = read_thick(numbers, cutoffs is not None) if "thick_parts" in data else None
+        thick = read_thick(numbers, cutoffs is not None, "thick_pole_v" in data) if "thick_parts" in data else None
         return cls(
             u, v, q, absorptance, error, mirror_v, axisymmetric, attrs, cutoffs, stokes[0], stokes[1], worst,
             amplitudes, resonances, film, thick,

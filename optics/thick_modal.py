@@ -19,16 +19,18 @@ from optics.forecast import announce, forecast, require_time
 from optics.incidence import AXES, Floats
 from optics.interpolation import lookup_many
 from optics.membranes import thick_range
+from optics.narrow import FINER, are_there, enough_orders, refine_with_resonances
 from optics.parts import Parted, parity, part, scattering
 from optics.quantities import error_in_any, own_error, quantities
 from optics.refinement import Refined, refine
-from optics.samples import Samples, on_curves, start
+from optics.resonances import Window
+from optics.samples import Samples, Solve, on_curves, start
 from optics.stretch import exact
 from optics.strips import rayleigh_curves
 from optics.thick_table import GAIN, OWN, STOKES, Layers, Thick, with_thick
-from optics.truncation import LADDER, Chosen, Forces, with_order
+from optics.truncation import LADDER, Chosen, Forces, finer_rungs, with_order
 from optics.verification import cover, spread_evenly, stated
-from optics.windows import first_directions
+from optics.windows import BEYOND, first_directions
 
 # Modes that decay by so much across their layer don't see its far side.
 _NEGLIGIBLE = 1e-5
@@ -39,6 +41,7 @@ _BLOCK = 256  # directions that are worked on at a time
 _COVERED = 0.985  # share of random directions that stated errors cover before those around the rest are raised
 _LEAST = 1e-3  # no error is stated as less than this share of the tolerance
 _AT = 0.99  # share of the directions that keep the tolerance
+_MIXTURES = 8
 _WITHIN = 8  # random directions in each patch
 
 
@@ -113,9 +116,11 @@ def layers_of(of: Parted, axis: str) -> Layers:
     )
 
 
-def _thick(samples: Samples, errors: Floats, layers: Layers) -> Thick:
-    """What look-ups join."""
-    return Thick(samples.nodes, samples.on_curves, samples.parity, errors[0], errors[1], layers)
+def _thick(refined: Refined, layers: Layers) -> Thick:
+    """What look-ups join, its errors not yet known."""
+    samples, found = refined.samples, refined.resonances if refined.resonances.count else None
+    none = np.ones((samples.u.size, samples.v.size))
+    return Thick(samples.nodes, samples.on_curves, samples.parity, none, none, layers, found)
 
 
 @dataclass(frozen=True)
@@ -147,7 +152,7 @@ def _truth(chosen: Chosen, u: Floats, v: Floats) -> _Truth:
 def _looked_up(samples: Samples, thick: Thick, u: Floats, v: Floats) -> tuple[Floats, Floats]:
     """Quantities (20, n) and gain (n) of a table at directions u, v (n)."""
     own, stokes, gain = np.empty((u.size, 4)), np.empty((u.size, 16)), np.empty((u.size, 4))
-    arrays = samples.arrays(samples.parity.size)
+    arrays = thick.arrays(samples.curves, samples.u, samples.v)
     for kind, out in ((OWN, own), (STOKES, stokes), (GAIN, gain)):
         lookup_many(with_thick(arrays, thick, kind), u, v, out)
     return np.concatenate([own, stokes], axis=1).T, gain[:, 0]
@@ -155,10 +160,14 @@ def _looked_up(samples: Samples, thick: Thick, u: Floats, v: Floats) -> tuple[Fl
 
 @dataclass(frozen=True)
 class _Stated:
-    """Errors (2, n_u, n_v) of the parts; error of q that they state at 99 % of directions; is it that of the orders."""
+    """Errors (2, n_u, n_v) of the parts; the error of q that they state at 99 % of directions, and their gain there.
+
+    by_orders: is it mostly that of the orders.
+    """
 
     errors: Floats
     at_99: float
+    gain: float
     by_orders: bool
 
 
@@ -175,7 +184,7 @@ def _state(truth: _Truth, refined: Refined, thick: Thick, tolerance: float) -> _
     errors = cover(errors, samples.u, samples.v, u, v, (between + truth.orders) / gain, least)
     at_99 = float(np.quantile(stated(errors, samples.u, samples.v, u, v)[0] * gain, _AT))
     by_orders = float(np.quantile(truth.orders[0], _AT)) > float(np.quantile(between[0], _AT))
-    return _Stated(errors, at_99, by_orders)
+    return _Stated(errors, at_99, float(np.quantile(gain, _AT)), by_orders)
 
 
 def _largest(differences: Floats) -> Floats:
@@ -199,10 +208,64 @@ def _around_nodes(samples: Samples, thick: Thick, errors: Floats) -> Floats:
     return found
 
 
-def _again(samples: Samples, parts: _Parts) -> Samples:
-    """The same directions with other orders."""
-    on_them = on_curves(parts, samples.curves, samples.v, samples.u[0], samples.u[-1], samples.parity.size)
-    return replace(samples, solve=parts, nodes=parts(samples.u, samples.v), on_curves=on_them)
+def _seen(parts: _Parts) -> Solve:
+    """A few mixtures of the parts (8, n_u, n_v), enough to see the poles that all of them have."""
+    def mixed(u: Floats, v: Floats) -> Floats:
+        found = parts(u, v)
+        weights = np.random.default_rng(0).standard_normal((_MIXTURES, len(found)))
+        return np.asarray(np.tensordot(weights / np.sqrt(len(found)), found, 1))
+
+    return mixed
+
+
+@dataclass(frozen=True)
+class _Search:
+    """A table being made: its orders, solver and samples; where narrow resonances of the parts are followed, if any."""
+
+    chosen: Chosen
+    parts: _Parts
+    samples: Samples
+    window: Window | None
+
+    def refined(self, tolerance: float) -> Refined:
+        """Samples from which the parts are interpolated well."""
+        name = f"modal {self.chosen.cell.name}"
+        if self.window is None:
+            return refine(self.samples, tolerance, [_largest], name)
+        finer = replace(self.parts, order=int(np.ceil(FINER * self.parts.order)))
+        return refine_with_resonances(self.samples, self.window, finer, tolerance, [_largest], name)
+
+    def with_order(self, order: int) -> _Search:
+        """The same directions with other orders."""
+        chosen, parts, old = with_order(self.chosen, order), replace(self.parts, order=order), self.samples
+        on_them = on_curves(parts, old.curves, old.v, old.u[0], old.u[-1], old.parity.size)
+        samples = replace(old, solve=parts, nodes=parts(old.u, old.v), on_curves=on_them)
+        return replace(self, chosen=chosen, parts=parts, samples=samples)
+
+
+def _start(chosen: Chosen, parts: _Parts, u_max: float, v_max: float, tolerance: float, most_minutes: float) -> _Search:
+    """First directions, with more orders and more directions where there are narrow resonances in the parts.
+
+    InputError where the table is forecast to take longer than `most_minutes`.
+    """
+    of = parts.fine
+    pitch, front, back = of.stack.pitch, of.stack.front_index, float(np.sqrt(of.stack.back).real)
+    indices = tuple(n for n in {front, *([back] if of.patterned_behind else [])} if n > v_max)
+    curves, signs = rayleigh_curves(pitch, indices, -u_max, u_max, v_max), parity(of)
+    u, v = first_directions(curves, u_max, v_max, _STEP)
+    layers = len(of.front) + len(of.behind)
+    announce(forecast(parts, u, v, len(curves), chosen.order, layers), chosen.cell.name, most_minutes)
+    samples = start(parts, curves, u, v, signs, signs.size)
+    reach = min(BEYOND, 0.9 * (float(np.sqrt(front**2 - v_max**2)) - u_max))
+    window = Window(-u_max, u_max, reach, rayleigh_curves(pitch, indices, -u_max - reach, u_max + reach, v_max))
+    many = replace(samples, u=first_directions(curves, u_max, v_max)[0])
+    if not are_there(_seen(parts), many, window, tolerance):
+        return _Search(chosen, parts, samples, None)
+    orders = finer_rungs(chosen.order)
+    order = enough_orders(lambda n: _seen(replace(parts, order=n)), orders, many, window, tolerance)
+    chosen, parts = with_order(chosen, order), replace(parts, order=order)
+    samples = start(parts, curves, *first_directions(curves, u_max, v_max), signs, signs.size)
+    return _Search(chosen, parts, samples, window)
 
 
 def find(
@@ -212,35 +275,29 @@ def find(
 
     InputError where that takes longer than `most_minutes`.
     """
-    watch, name = Stopwatch(), chosen.cell.name
-    of = _parted(chosen.cell, least_nm, u_max)
+    watch, cell = Stopwatch(), chosen.cell
+    of = _parted(cell, least_nm, u_max)
     half = None if chosen.half is None else _parted(chosen.half, least_nm, u_max)
-    chosen = _with_enough(chosen, of)
-    parts = _Parts(chosen.order, of, half, lambda: require_time(watch.cpu_seconds, name, most_minutes))
-    around = {of.stack.front_index, *([float(np.sqrt(of.stack.back).real)] if of.patterned_behind else [])}
-    curves = rayleigh_curves(of.stack.pitch, tuple(n for n in around if n > v_max), -u_max, u_max, v_max)
-    u, v = first_directions(curves, u_max, v_max, _STEP)
-    announce(forecast(parts, u, v, len(curves), chosen.order, len(of.front) + len(of.behind)), name, most_minutes)
-    signs, layers = parity(of), layers_of(of, chosen.cell.electric_axis)
-    samples = start(parts, curves, u, v, signs, signs.size)
-    truth, share = _truth(chosen, u, v), _SHARE
+    chosen, layers = _with_enough(chosen, of), layers_of(of, cell.electric_axis)
+    parts = _Parts(chosen.order, of, half, lambda: require_time(watch.cpu_seconds, cell.name, most_minutes))
+    search = _start(chosen, parts, u_max, v_max, tolerance, most_minutes)
+    truth, share = _truth(search.chosen, search.samples.u, search.samples.v), _SHARE
     for _ in range(_PASSES):
-        refined = refine(samples, share * tolerance, [_largest], f"modal {name}")
-        samples = refined.samples
-        thick = _thick(samples, np.ones((2, samples.u.size, samples.v.size)), layers)
+        refined = search.refined(share * tolerance)
+        search, thick = replace(search, samples=refined.samples), _thick(refined, layers)
         found = _state(truth, refined, thick, tolerance)
         if found.at_99 <= tolerance:
             break
-        if found.by_orders and chosen.order < LADDER[-1]:
-            chosen = with_order(chosen, next(n for n in LADDER if n > chosen.order))
-            parts = replace(parts, order=chosen.order)
-            samples, truth = _again(samples, parts), _truth(chosen, u, v)
+        if found.by_orders and search.chosen.order < LADDER[-1]:
+            search = search.with_order(next(n for n in LADDER if n > search.chosen.order))
+            truth = _truth(search.chosen, search.samples.u, search.samples.v)
         else:
             share *= _FINER
-    return _whole(chosen, refined, replace(thick, error=found.errors[0], error_stokes=found.errors[1]))
+    reasons = (*search.chosen.reasons, *refined.reasons, f"errors of the parts grow {found.gain:.0f} times in between")
+    return _whole(search.chosen, refined, replace(thick, error=found.errors[0], error_stokes=found.errors[1]), reasons)
 
 
-def _whole(chosen: Chosen, refined: Refined, thick: Thick) -> Found:
+def _whole(chosen: Chosen, refined: Refined, thick: Thick, reasons: tuple[str, ...]) -> Found:
     """What the table holds besides."""
     samples = refined.samples
     uu, vv = np.meshgrid(samples.u, samples.v, indexing="ij")
@@ -251,6 +308,5 @@ def _whole(chosen: Chosen, refined: Refined, thick: Thick) -> Found:
     on_them[:, held] = thick.layers.join(at[held], lines[held], samples.on_curves[:, held])
     errors = _around_nodes(samples, thick, np.stack([thick.error, thick.error_stokes]))
     return Found(
-        chosen, samples, thick, nodes.reshape(-1, *uu.shape), on_them, errors[0], errors[1],
-        (*chosen.reasons, *refined.reasons),
+        chosen, samples, thick, nodes.reshape(-1, *uu.shape), on_them, errors[0], errors[1], reasons
     )

@@ -15,8 +15,13 @@ from numpy.typing import NDArray
 
 from optics.film_table import KIND, NUMBERS
 from optics.joined import QUANTITIES, Setup, gain, own_light, respond, setup
-from optics.patch_sum import values
+from optics.packing import pack
+from optics.patch_sum import read, values
+from optics.patches import Values, make_patches
 from optics.places import Floats, Indices, Parts, TableArrays, find_place, fold, is_inside, is_turned, roots, unpack
+from optics.pole_sum import pole_values
+from optics.strips import Curves, lay_out
+from optics.tracks import Resonances, without
 
 # What a look-up gives, beyond the kinds of `optics.film_table`: q and absorptance of the cell's own polarisation; those
 # of the Stokes components; how much errors of the parts grow.
@@ -63,7 +68,7 @@ class Thick:
 
     nodes (k, n_u, n_v), on_curves (k, n_curves, n_v): the parts, as `optics.parts.scattering` gives them, with their
     parity (k) under v → −v; NaN on curves outside the table. error, error_stokes (n_u, n_v): errors of the parts, which
-    times `optics.joined.gain` cover that of q.
+    times `optics.joined.gain` cover that of q. resonances: of the parts, too narrow for the nodes, as in a table.
     """
 
     nodes: Floats
@@ -72,6 +77,15 @@ class Thick:
     error: Floats
     error_stokes: Floats
     layers: Layers
+    resonances: Resonances | None = None
+
+    def arrays(self, curves: Curves, u: Floats, v: Floats) -> TableArrays:
+        """The parts between rows u and lines v and on cut-offs, to be interpolated."""
+        values = Values(u, v, self.nodes, self.on_curves, self.parity)
+        if self.resonances:
+            values = without(values, curves, self.resonances)
+        layout = lay_out(curves, u[0], u[-1], v)
+        return pack(layout, values, make_patches(layout, values), False, False, self.resonances)
 
 
 def with_thick(t: TableArrays, thick: Thick, kind: int) -> TableArrays:
@@ -94,19 +108,37 @@ def thick_variables(of: Thick) -> dict[str, tuple[tuple[str, ...], Floats, str]]
         "thick_error_stokes": (("u", "v"), of.error_stokes, "likewise, in any polarisation"),
         "thick_media": (("thick_medium", "wave"), media, "n, k and phase depth of thick layers, half-space last"),
         "thick_numbers": (("thick_number",), np.array([own.pitch, own.front]), "λ/d and the index in front"),
+        **_poles(of.resonances),
         "thick_flags": (("thick_flag",), own.flags.astype(float), "orders followed, in front, behind; what parts hold"),
     }
 
 
-def read_thick(numbers: Callable[..., list[Floats]], curves: bool) -> Thick:
-    """From what a file holds: `numbers` gives its arrays by name; has it cut-offs."""
+def _poles(found: Resonances | None) -> dict[str, tuple[tuple[str, ...], Floats, str]]:
+    """What a file holds of the narrow resonances of the parts."""
+    if not found:
+        return {}
+    p, h = (np.stack([x.real, x.imag]) for x in (found.p, found.h))
+    dims = "thick_pole", "thick_pole_v"
+    return {
+        "thick_pole_v": (("thick_pole_v",), found.v, "v of the nodes of narrow resonances of the parts"),
+        "thick_pole_u": (("part", *dims), p, "p = x + iγ: place and half width in u"),
+        "thick_pole_parts": (("part", "amplitude", *dims), h, "h: they add Re[h γ / (u − p)]"),
+    }
+
+
+def read_thick(numbers: Callable[..., list[Floats]], curves: bool, poles: bool) -> Thick:
+    """From what a file holds: `numbers` gives its arrays by name; has it cut-offs, and narrow resonances."""
     names = ("parts", "parity", "error", "error_stokes", "media", "numbers", "flags")
     nodes, signs, error, worst, media, both, flags = numbers(*(f"thick_{name}" for name in names))
     on_them = numbers("thick_cutoff_parts")[0] if curves else np.empty((len(nodes), 0, nodes.shape[2]))
     layers = Layers(
         media[:, 0] + 1j * media[:, 1], media[:-1, 2].copy(), float(both[0]), float(both[1]), flags.astype(np.int64)
     )
-    return Thick(nodes, on_them, signs, error, worst, layers)
+    found = None
+    if poles:
+        at, p, h = numbers("thick_pole_v", "thick_pole_u", "thick_pole_parts")
+        found = Resonances(at, p[0] + 1j * p[1], h[0] + 1j * h[1], signs)
+    return Thick(nodes, on_them, signs, error, worst, layers, found)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -142,6 +174,10 @@ def _interpolate(p: Parts, u: float, v: float, x: Floats) -> None:
         x[c], x[c + 1], x[c + 2], x[c + 3] = values(
             p.n, at.start + 4 * c, at.row, 4 * p.k, at.s, at.h, at.r, at.g, p.parity + c, turned
         )
+    for c in range(0, p.k if p.poles else 0, 4):
+        more = pole_values(p.n, p.pole_at, p.pole_nodes, p.poles, p.k, c, u, folded)
+        for i in range(4):
+            x[c + i] += more[i] * (read(p.n, p.parity + c + i) if turned else 1.0)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -11,7 +11,7 @@ from optics.resonances import Window
 from optics.steps import ModalCell, Slanted
 from optics.strips import Curves, breaks, rayleigh_curves
 
-_BEYOND = 0.05  # resonances whose u is further outside of a table than this are not felt within
+BEYOND = 0.05  # resonances whose u is further outside of a table than this are not felt within
 _MOST_INDICES = 2
 # The first rows in u and lines in v² are no further apart: narrower resonances may be missed.
 _FIRST_STEP = 0.0112
@@ -31,7 +31,7 @@ def window_curves(cell: ModalCell, u_max: float, v_max: float) -> Curves:
 
 def resonance_window(cell: ModalCell, u_max: float, v_max: float) -> Window:
     """Where resonances are looked for: somewhat beyond the table."""
-    reach = min(_BEYOND, 0.9 * (float(np.sqrt(cell.surroundings.front**2 - v_max**2)) - u_max))
+    reach = min(BEYOND, 0.9 * (float(np.sqrt(cell.surroundings.front**2 - v_max**2)) - u_max))
     return Window(-u_max, u_max, reach, window_curves(cell, u_max + reach, v_max))
 
 
