@@ -13,8 +13,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from optics.chain import Setup, setup
 from optics.film_table import KIND, NUMBERS
-from optics.joined import QUANTITIES, Setup, gain, own_light, respond, setup
+from optics.joined import QUANTITIES, gain, own_light, respond
 from optics.packing import pack
 from optics.patch_sum import read, values
 from optics.patches import Values, make_patches
@@ -33,7 +34,7 @@ _STEP = 1e-4
 
 @dataclass(frozen=True)
 class Layers:
-    """Thick layers, and what look-ups know of the parts around them: see `optics.joined.Setup`.
+    """Thick layers, and what look-ups know of the parts around them: see `optics.chain.Setup`.
 
     index (m,), depth (m − 1,): n + ik and k₀d, the half-space last. pitch: λ/d. front: index in front. flags (10).
     """
@@ -46,13 +47,13 @@ class Layers:
 
     @property
     def numbers(self) -> Floats:
-        """As `optics.joined.setup` takes them."""
+        """As `optics.chain.setup` takes them."""
         index = np.ascontiguousarray(self.index, complex).view(float)
         return np.concatenate([[self.pitch, self.front], index, self.depth])
 
     @property
     def whole(self) -> Indices:
-        """Flags as `optics.joined.setup` takes them."""
+        """Flags as `optics.chain.setup` takes them."""
         return np.array([self.index.size, *self.flags], dtype=np.int64)
 
     def join(self, u: Floats, v: Floats, parts: Floats) -> Floats:
