@@ -23,7 +23,7 @@ import xarray as xr
 
 from optics.files import InputError
 from optics.film_table import FIELDS as FIELDS_OF_FILM
-from optics.film_table import LOSSES, PRESSURE, Film, from_rows, with_film
+from optics.film_table import KIND, LOSSES, PRESSURE, Film, from_rows, with_film
 from optics.hdf5 import write_bytes
 from optics.interpolation import Floats, TableArrays, lookup_many, lookup_slopes_many, pack
 from optics.interpolation import lookup as lookup
@@ -250,7 +250,7 @@ class PressureTable:
         With `stokes` they give 16 quantities, q_g, q_r, q_n and absorptance for each of the Stokes components.
         """
         if self.thick and not nearest:
-            return with_thick(self._parts, self.thick, STOKES_OF_THICK if stokes else OWN)
+            return self._joined(STOKES_OF_THICK if stokes else OWN)
         values, found = self._values(stokes), None
         if self.resonances:
             found = self.resonances.take(slice(_OWN, None) if stokes else slice(0, _OWN))
@@ -284,15 +284,20 @@ class PressureTable:
 
     @cached_property
     def _parts(self) -> TableArrays:
-        """The interpolated parts of a grating on thick layers."""
+        """A grating on thick layers, in which a look-up joins the interpolated parts."""
         assert self.thick is not None
-        return self.thick.arrays(self._curves, self.u, self.v)
+        return with_thick(self.thick.arrays(self._curves, self.u, self.v), self.thick, OWN)
+
+    def _joined(self, kind: int) -> TableArrays:
+        """The same numbers, for another kind of look-up."""
+        places = self._parts.places.copy()
+        places[KIND] = kind
+        return self._parts._replace(places=places)
 
     def _gain(self, u: Floats, v: Floats) -> Floats:
         """How much errors (...) of the parts grow at directions u, v (...) within the table."""
-        assert self.thick is not None
         out = np.empty((u.size, 4))
-        lookup_many(with_thick(self._parts, self.thick, GAIN), u.flatten(), v.flatten(), out)
+        lookup_many(self._joined(GAIN), u.flatten(), v.flatten(), out)
         return out[:, 0].reshape(u.shape)
 
     def _look_up(self, u: Any, v: Any) -> tuple[Floats, tuple[int, ...]]:
