@@ -259,10 +259,11 @@ def _start(chosen: Chosen, parts: _Parts, u_max: float, v_max: float, tolerance:
     reach = min(BEYOND, 0.9 * (float(np.sqrt(front**2 - v_max**2)) - u_max))
     window = Window(-u_max, u_max, reach, rayleigh_curves(pitch, indices, -u_max - reach, u_max + reach, v_max))
     many = replace(samples, u=first_directions(curves, u_max, v_max)[0])
-    if not are_there(_seen(parts), many, window, tolerance):
+    name = f"modal {chosen.cell.name}"
+    if not are_there(_seen(parts), many, window, tolerance, name):
         return _Search(chosen, parts, samples, None)
     orders = finer_rungs(chosen.order)
-    order = enough_orders(lambda n: _seen(replace(parts, order=n)), orders, many, window, tolerance)
+    order = enough_orders(lambda n: _seen(replace(parts, order=n)), orders, many, window, tolerance, name)
     chosen, parts = with_order(chosen, order), replace(parts, order=order)
     samples = start(parts, curves, *first_directions(curves, u_max, v_max), signs, signs.size)
     return _Search(chosen, parts, samples, window)
