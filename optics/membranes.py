@@ -9,6 +9,7 @@ from optics.files import InputError
 from optics.incidence import Floats
 from optics.lamellar import solve
 from optics.outline import Grating, upright
+from optics.steps import Slanted, modal_cell
 
 # What a table holds at most (`optics.refinement`).
 MOST_ROWS, MOST_LINES = 600, 160
@@ -77,7 +78,7 @@ def least_thickness(cell: Grating, u_max: float, v_max: float, tolerance: float)
         if excess <= _THICK or decay <= tolerance or _height(stack, i, u_max, v_max) <= tolerance:
             continue
         found = min(found, layer.thickness_nm)
-        why = _inseparable(stack, found, u_max)
+        why = "walls are slanted" if isinstance(modal_cell(cell, 8), Slanted) else _inseparable(stack, found, u_max)
         if excess > 1 and why:
             field, cure = _names(cell, i)
             raise InputError(

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optics import lamellar
-from optics.cells import LamellarStack, Metagrating, as_stack
+from optics.cells import as_stack
 from optics.files import Stopwatch
 from optics.forecast import announce, forecast, require_time
 from optics.incidence import AXES, Floats
@@ -25,6 +25,7 @@ from optics.quantities import error_in_any, own_error, quantities
 from optics.refinement import Refined, refine
 from optics.resonances import Window
 from optics.samples import Samples, Solve, on_curves, start
+from optics.steps import ModalCell, Slanted
 from optics.stretch import exact
 from optics.strips import rayleigh_curves
 from optics.thick_table import GAIN, OWN, STOKES, Layers, Thick, with_thick
@@ -85,8 +86,9 @@ class Found:
     reasons: tuple[str, ...]
 
 
-def _parted(cell: Metagrating | LamellarStack, least_nm: float, u_max: float) -> Parted:
+def _parted(cell: ModalCell, least_nm: float, u_max: float) -> Parted:
     """The cell in solver units, parted by the layers of at least `least_nm`."""
+    assert not isinstance(cell, Slanted)  # `optics.membranes` refuses them
     layers = thick_range(as_stack(cell), least_nm)
     assert layers is not None
     return part(lamellar.prepare(cell), *layers, u_max)

@@ -219,10 +219,3 @@ def test_a_file_gives_the_same_table_and_a_damaged_one_is_refused(tmp_path: Path
     assert poles is not None
     with pytest.raises(InputError, match="pole_v"):
         replace(found, resonances=replace(poles, v=poles.v[::-1]))
-
-
-def test_no_directions_are_no_fault():
-    """A window may have resonances and no cut-offs on which they would be taken out."""
-    v, p = np.array([0.0, 0.1]), np.array([[0.02 + 1e-4j, 0.03 + 1e-4j]])
-    found = Resonances(v, p, np.ones((4, 1, 2), complex), np.ones(4))
-    assert found.on(np.empty((0, 2)), v).shape == (4, 0, 2)
