@@ -9,7 +9,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from optics import film_table
+from optics import film_table, thick_table
 from optics.packing import pack as pack
 from optics.patch_sum import prefetch, read, value_and_slopes, values
 from optics.places import (
@@ -50,6 +50,8 @@ _BUCKET, _STRIP, _START, _ROW, _LINE = (k * _BLOCK for k in range(_PLACES))
 @numba.njit(cache=True, error_model="numpy")
 def lookup(t: TableArrays, u: float, v: float) -> tuple[float, float, float, float, bool]:
     """(q_g, q_r, q_n, absorptance, inside) of one direction; outside the table the edge value with inside = False."""
+    if thick_table.is_thick(t):
+        return thick_table.look_up(t, u, v)
     if film_table.is_film(t):
         return film_table.look_up(t, u, v)
     p = unpack(t)
@@ -73,6 +75,8 @@ def lookup_slopes(t: TableArrays, u: float, v: float, out: Floats) -> bool:
 
     Not for axisymmetric tables. On a cut-off, where slopes are infinite, they are large.
     """
+    if thick_table.is_thick(t):
+        return thick_table.look_up_slopes(t, u, v, out)
     p = unpack(t)
     folded, turned = fold(p, v), is_turned(p, v)
     root_0, root_1 = roots(p, folded)
@@ -272,6 +276,8 @@ def lookup_many(t: TableArrays, u: Floats, v: Floats, out: Floats) -> tuple[int,
 
     Returns how many directions lie outside the table (they get the edge value) and the first of them, or −1.
     """
+    if thick_table.is_thick(t):
+        return thick_table.look_up_many(t, u, v, out)
     if film_table.is_film(t):
         return film_table.look_up_many(t, u, v, out)
     p = unpack(t)
@@ -289,6 +295,10 @@ def lookup_many(t: TableArrays, u: Floats, v: Floats, out: Floats) -> tuple[int,
 @numba.njit(cache=True, error_model="numpy")
 def lookup_slopes_many(t: TableArrays, u: Floats, v: Floats, out: Floats) -> None:
     """`lookup_slopes` of many directions u, v (n,) into out (n, 3, k); the same bits."""
+    for i in range(u.size if thick_table.is_thick(t) else 0):
+        thick_table.look_up_slopes(t, u[i], v[i], out[i])
+    if thick_table.is_thick(t):
+        return
     p = unpack(t)
     f, b = np.empty(_FLOATS * _BLOCK), np.empty(_PLACES * _BLOCK, np.int64)
     for begin in range(0, u.size, _BLOCK):

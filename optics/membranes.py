@@ -1,4 +1,4 @@
-"""Fringes of thick homogeneous layers in gratings: can a table hold them, told before any of it is solved."""
+"""Fringes of thick homogeneous layers in gratings: can samples hold them, told before any of it is solved."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from optics.files import InputError
 from optics.incidence import Floats
 from optics.lamellar import solve
 from optics.outline import Grating, upright
+from optics.steps import Slanted, modal_cell
 
 # What a table holds at most (`optics.refinement`).
 MOST_ROWS, MOST_LINES = 600, 160
@@ -17,6 +18,10 @@ _A_FRINGE = 8
 _PHASES = 8  # thicknesses within half a wavelength at which a layer's fringes are seen
 _MORE_ORDERS = 6
 _GRID = 401
+# Layers that would take more than this part of the directions that a table holds count as thick.
+_THICK = 0.3
+# Orders that are followed in thick layers, at most: their matrices hold 8 times the square of as many numbers.
+MOST_ORDERS = 21
 
 
 def _fringes(index: float, pitch: float, u: Floats, v: Floats) -> tuple[float, float]:
@@ -54,10 +59,15 @@ def _names(cell: Grating, i: int) -> tuple[str, str]:
     return f"layers[{i}].thickness_nm", "set its coherent: false to average them"
 
 
-def check_fringes(cell: Grating, u_max: float, v_max: float, tolerance: float) -> None:
-    """InputError where a layer's fringes are too fine for any table and higher than the tolerance; in a second."""
+def least_thickness(cell: Grating, u_max: float, v_max: float, tolerance: float) -> float:
+    """Thickness in nm from which layers are too thick to have their fringes sampled; infinite where none is.
+
+    In a second: a layer is, where its fringes would take a good part of what a table holds and are higher than the
+    tolerance. InputError where such fringes cannot be told apart from the rest either.
+    """
     stack = as_stack(upright(cell))
     u, v = np.linspace(-u_max, u_max, _GRID), np.linspace(0.0, v_max, _GRID)
+    found = np.inf
     for i, layer in enumerate(stack.layers):
         if layer.ridges or not layer.coherent:
             continue
@@ -65,11 +75,33 @@ def check_fringes(cell: Grating, u_max: float, v_max: float, tolerance: float) -
         along_u, along_v = _fringes(layer.index.n, stack.pitch, u, v)
         excess = halves * _A_FRINGE * max(along_u / MOST_ROWS, along_v / MOST_LINES)
         decay = np.exp(-4 * np.pi * layer.index.k * layer.thickness_nm / stack.wavelength_nm)
-        if excess <= 1 or decay <= tolerance or _height(stack, i, u_max, v_max) <= tolerance:
+        if excess <= _THICK or decay <= tolerance or _height(stack, i, u_max, v_max) <= tolerance:
             continue
-        field, cure = _names(cell, i)
-        raise InputError(
-            f"{cell.name}: {field} = {layer.thickness_nm:g}: makes {halves * along_u:.0f} fringes along u and "
-            f"{halves * along_v:.0f} along v, more than {MOST_ROWS} × {MOST_LINES} directions hold; must be at most "
-            f"{layer.thickness_nm / excess:.3g}, or {cure}, or narrow --u-max and --v-max"
-        )
+        found = min(found, layer.thickness_nm)
+        why = "walls are slanted" if isinstance(modal_cell(cell, 8), Slanted) else _inseparable(stack, found, u_max)
+        if excess > 1 and why:
+            field, cure = _names(cell, i)
+            raise InputError(
+                f"{cell.name}: {field} = {layer.thickness_nm:g}: makes {halves * along_u:.0f} fringes along u and "
+                f"{halves * along_v:.0f} along v, more than {MOST_ROWS} × {MOST_LINES} directions hold, and {why}; "
+                f"must be at most {layer.thickness_nm / excess:.3g}, or {cure}, or narrow --u-max and --v-max"
+            )
+        found = np.inf if why else found
+    return found
+
+
+def thick_range(stack: LamellarStack, least_nm: float) -> tuple[int, int] | None:
+    """The first and the last homogeneous layer that is at least so thick; None where there is none."""
+    at = [i for i, layer in enumerate(stack.layers) if not layer.ridges and layer.thickness_nm >= least_nm]
+    return (at[0], at[-1]) if at else None
+
+
+def _inseparable(stack: LamellarStack, least_nm: float, u_max: float) -> str:
+    """Why layers of at least so much cannot be parted from the rest of the stack; empty where they can."""
+    first, last = thick_range(stack, least_nm) or (0, 0)
+    if not all(layer.coherent for layer in stack.layers):
+        return "other layers have theirs averaged"
+    if any(layer.ridges for layer in stack.layers[first:last]):
+        return "there are ridges between two such layers"
+    count = 1 + 2 * int((max(stack.layers[i].index.n for i in (first, last)) + u_max) / stack.pitch)
+    return f"{count} diffraction orders run in it, more than {MOST_ORDERS}" if count > MOST_ORDERS else ""

@@ -17,9 +17,11 @@ from optics.files import InputError
 from optics.interpolation import Floats
 from optics.lock import release
 from optics.table import PressureTable
+from optics.verification import spread_evenly
 
 SHARE = 0.99
 MISSED = 3  # exit code
+_ROWS, _ON_ROW = 256, 16  # random directions in u, and in v at each of them
 _UNSTATED = "slow convergence"
 
 
@@ -72,12 +74,23 @@ def weighted_quantile(values: Floats, weights: Floats, share: float) -> float:
     return float(values.ravel()[order][np.searchsorted(total, share * total[-1] * (1 - 1e-12))])
 
 
+def error_at_share(table: PressureTable) -> float:
+    """Stated error that `SHARE` of the directions don't exceed.
+
+    Where errors follow fringes, on thick layers, of random directions spread evenly, always the same.
+    """
+    if table.thick is None:
+        return weighted_quantile(*cell_errors(table), SHARE)
+    u, v = spread_evenly(table.u, table.v, _ROWS, _ON_ROW)
+    return float(np.quantile(table.stated_error(u[:, None], v), SHARE))
+
+
 def promise(table: PressureTable, tolerance: float, causes: Iterable[str] = ()) -> Promise:
     """What a table made for `tolerance` keeps of it."""
     i, j = np.unravel_index(int(table.error.argmax()), table.error.shape)
     at = float(table.u[i]), float(table.v[j])
     return Promise(
-        tolerance, weighted_quantile(*cell_errors(table), SHARE), float(table.error[i, j]), at,
+        tolerance, error_at_share(table), float(table.error[i, j]), at,
         tuple(dict.fromkeys(causes)),
     )
 

@@ -24,7 +24,7 @@ import xarray as xr
 
 from optics.files import InputError, reading, require_whole
 from optics.film_table import FIELDS as FIELDS_OF_FILM
-from optics.film_table import LOSSES, PRESSURE, Film, from_rows, with_film
+from optics.film_table import KIND, LOSSES, PRESSURE, Film, from_rows, with_film
 from optics.hdf5 import write_hdf5
 from optics.interpolation import Floats, TableArrays, lookup_many, lookup_slopes_many, pack
 from optics.interpolation import lookup as lookup
@@ -32,6 +32,8 @@ from optics.made import NAME, as_attribute
 from optics.patches import Values, make_patches
 from optics.section import Section, cross_section
 from optics.strips import Curves, lay_out, no_curves
+from optics.thick_table import GAIN, OWN, Thick, read_thick, thick_variables, with_thick
+from optics.thick_table import STOKES as STOKES_OF_THICK
 from optics.tracks import Resonances, without
 from optics.wording import brief
 
@@ -93,6 +95,9 @@ class PressureTable:
     Of films: amplitudes (6, n_u, 1), real and imaginary part of r_s, those of r_p, and the absorptance of s and of p
     light; r as in `optics.thin_film.amplitudes`, with r_p = −r_s at normal incidence. film: the stack itself, where
     samples would miss fringes or resonances; values are then those of the stack at every direction.
+
+    Of gratings on thick layers: thick, the parts before and behind these, which look-ups join. `error` is then the
+    largest found around a node; `stated_error` tells that of a direction.
     """
 
     u: Floats
@@ -110,6 +115,7 @@ class PressureTable:
     amplitudes: Floats | None = None
     resonances: Resonances | None = None
     film: Film | None = None
+    thick: Thick | None = None
 
     def __post_init__(self) -> None:
         self._check_axes()
@@ -118,6 +124,11 @@ class PressureTable:
         if self.resonances:
             self._check_resonances(self.resonances)
             sizes |= {"part": 2, "pole": self.resonances.count, "pole_v": self.resonances.v.size}
+        if self.thick:
+            sizes |= {"amplitude": self.thick.parity.size, "thick_medium": self.thick.layers.index.size, "wave": 3}
+            sizes |= {"thick_number": 2, "thick_flag": self.thick.layers.flags.size, "part": 2}
+            if found := self.thick.resonances:
+                sizes |= {"thick_pole": found.count, "thick_pole_v": found.v.size}
         for name, (dims, array, _) in self._variables().items():
             if array.shape != (want := tuple(sizes[dim] for dim in dims)):
                 raise InputError(f"{name} has shape {array.shape}; must be {want}")
@@ -213,6 +224,8 @@ class PressureTable:
             }
         if self.resonances:
             found |= _pole_variables(self.resonances)
+        if self.thick:
+            found |= thick_variables(self.thick)
         return {name: (dims, array, text) for name, (dims, array, text) in found.items() if array is not None}
 
     def _values(self, stokes: bool) -> Values:
@@ -239,6 +252,8 @@ class PressureTable:
 
         With `stokes` they give 16 quantities, q_g, q_r, q_n and absorptance for each of the Stokes components.
         """
+        if self.thick and not nearest:
+            return self._joined(STOKES_OF_THICK if stokes else OWN)
         values, found = self._values(stokes), None
         if self.resonances:
             found = self.resonances.take(slice(_OWN, None) if stokes else slice(0, _OWN))
@@ -269,6 +284,24 @@ class PressureTable:
     @cached_property
     def _arrays(self) -> TableArrays:
         return self.arrays()
+
+    @cached_property
+    def _parts(self) -> TableArrays:
+        """A grating on thick layers, in which a look-up joins the interpolated parts."""
+        assert self.thick is not None
+        return with_thick(self.thick.arrays(self._curves, self.u, self.v), self.thick, OWN)
+
+    def _joined(self, kind: int) -> TableArrays:
+        """The same numbers, for another kind of look-up."""
+        places = self._parts.places.copy()
+        places[KIND] = kind
+        return self._parts._replace(places=places)
+
+    def _gain(self, u: Floats, v: Floats) -> Floats:
+        """How much errors (...) of the parts grow at directions u, v (...) within the table."""
+        out = np.empty((u.size, 4))
+        lookup_many(self._joined(GAIN), u.flatten(), v.flatten(), out)
+        return out[:, 0].reshape(u.shape)
 
     def _look_up(self, u: Any, v: Any) -> tuple[Floats, tuple[int, ...]]:
         uu, vv = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
@@ -316,10 +349,13 @@ class PressureTable:
         """
         error = self.error_stokes if polarised and self.error_stokes is not None else self.error
         u, v = self.nearest(u, v)
+        gain: Floats | float = 1.0
+        if self.thick:
+            error, gain = (self.thick.error_stokes if polarised else self.thick.error), self._gain(u, v)
         if self.axisymmetric:
             u, v = np.hypot(u, v), np.zeros_like(u)
         rows, lines = _around(self.u, u), _around(self.v, np.abs(v) if self.mirror_v else v)
-        return np.asarray(np.max([error[i, j] for i in rows for j in lines], axis=0))
+        return np.asarray(gain * np.max([error[i, j] for i in rows for j in lines], axis=0))
 
     def gradient(self, u: Any, v: Any) -> Floats:
         """∂(q_g, q_r, q_n)/∂(u, v) (..., 3, 2) at direction cosines u, v of a table that is not axisymmetric."""
@@ -411,9 +447,10 @@ class PressureTable:
         if any(str(name).startswith("pole_") for name in data.variables):
             resonances = _resonances(*numbers("pole_v", "pole_u", *_POLE_HEIGHTS))
         film = from_rows(numbers("film")[0], float(data["film_p_share"])) if "film" in data else None
+        thick = read_thick(numbers, cutoffs is not None, "thick_pole_v" in data) if "thick_parts" in data else None
         return cls(
             u, v, q, absorptance, error, mirror_v, axisymmetric, attrs, cutoffs, stokes[0], stokes[1], worst,
-            amplitudes, resonances, film,
+            amplitudes, resonances, film, thick,
         )
 
 

@@ -41,11 +41,11 @@ def errors_at(solve: Solve, arrays: TableArrays, k: int, measures: Measures, u: 
     return measures(exact - guess.T.reshape(k, *v.shape))
 
 
-def spread_evenly(u: Floats, v: Floats) -> tuple[Floats, Floats]:
-    """Random directions u (n), v (n, m) spread evenly over the window of the nodes; always the same."""
+def spread_evenly(u: Floats, v: Floats, rows: int = _IN_U, on_row: int = _IN_V) -> tuple[Floats, Floats]:
+    """Random directions u (rows), v (rows, on_row) spread evenly over the window of the nodes; always the same."""
     rng = np.random.default_rng(0)
-    places = u[0] + (u[-1] - u[0]) * (np.arange(_IN_U) + rng.random(_IN_U)) / _IN_U
-    return places, v[-1] * (np.arange(_IN_V) + rng.random((_IN_U, _IN_V))) / _IN_V
+    places = u[0] + (u[-1] - u[0]) * (np.arange(rows) + rng.random(rows)) / rows
+    return places, v[-1] * (np.arange(on_row) + rng.random((rows, on_row))) / on_row
 
 
 def _cell(nodes: Floats, at: Floats) -> Indices:

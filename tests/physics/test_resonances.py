@@ -13,12 +13,13 @@ from optics.files import InputError
 from optics.incidence import cutoffs
 from optics.interpolation import lookup, lookup_many, lookup_slopes, lookup_slopes_many
 from optics.lamellar import solve
-from optics.modal import make_table, resonance_window
+from optics.modal import make_table
 from optics.rational import fit
 from optics.resonances import find_poles
 from optics.strips import Floats
 from optics.table import PressureTable
 from optics.tracks import Resonances
+from optics.windows import resonance_window
 from tests.damage import edited
 
 ORDER = 12

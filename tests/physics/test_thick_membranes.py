@@ -19,7 +19,7 @@ from optics.cells import (
 )
 from optics.derivatives import derivatives
 from optics.files import InputError
-from optics.membranes import check_fringes
+from optics.membranes import least_thickness
 from optics.modal import make_table
 from optics.thin_film import pressure
 
@@ -118,14 +118,25 @@ def test_solvers_that_know_fields_alone_say_so():
         sail(membrane_coherent=False, corner_radius_nm=20.0)
 
 
+def test_layers_too_thick_for_samples_are_told_at_once():
+    """Thin ones are sampled, however wide the window; thick ones in a narrow window too."""
+    assert least_thickness(sail(), 0.4227, 0.4227, 1e-2) == 2e5
+    assert least_thickness(sail().model_copy(update={"membrane_nm": 2e3}), 0.4227, 0.4227, 1e-2) == np.inf
+    assert least_thickness(sail().model_copy(update={"membrane_nm": 2e4}), 0.03, 0.03, 1e-2) == np.inf
+
+
 def test_fringes_that_no_table_could_hold_are_refused_at_once():
     """One line that names the layer, its fringes and the thickness up to which they could be held."""
     began = process_time()
-    with pytest.raises(InputError, match=r"membrane_nm = 200000: makes \d+ fringes .* at most 2.5.e\+04, .*average"):
-        make_table(sail(), 0.4227, 0.4227, 1e-2)
-    assert process_time() - began < 10.0
-    check_fringes(sail().model_copy(update={"membrane_nm": 2e4}), 0.4227, 0.4227, 1e-2)
-    check_fringes(sail().model_copy(update={"membrane_nm": 1e5}), 0.03, 0.03, 1e-2)
+    wide = sail().model_copy(update={"period_nm": 8000.0})
+    with pytest.raises(InputError, match=r"membrane_nm = 200000: makes \d+ fringes .* at most .*, .*average"):
+        make_table(wide, 0.4227, 0.4227, 1e-2)
+    assert process_time() - began < 20.0
+    part = layer(200, 1.0, 0.0, [(50, 150, 2.2)])
+    with pytest.raises(InputError, match=r"layers\[1\].thickness_nm = 1e\+06: .*averaged"):
+        least_thickness(grating([part, layer(1e6, 1.5), layer(1e5, 1.6, 0.0, (), False)], "r", 330.0), 0.4, 0.4, 1e-3)
+    with pytest.raises(InputError, match=r"ridges between two"):
+        least_thickness(grating([layer(1e6, 1.5), part, layer(1e6, 1.5)], "r", 330.0), 0.4, 0.4, 1e-3)
 
 
 def test_layers_that_make_no_fringes_to_speak_of_are_let_through():
@@ -133,6 +144,5 @@ def test_layers_that_make_no_fringes_to_speak_of_are_let_through():
     dark = grating([layer(200, 1.0, 0.0, [(50, 150, 2.2)]), layer(1e6, 1.5, 1e-3)], "r", 330.0)
     same = grating([layer(200, 1.0, 0.0, [(50, 150, 2.2)]), layer(1e6, 1.0)], "r", 330.0)
     for cell in (dark, same):
-        check_fringes(cell, 0.4, 0.4, 1e-3)
-    with pytest.raises(InputError, match=r"layers\[1\].thickness_nm = 1e\+06"):
-        check_fringes(grating([dark.layers[0], layer(1e6, 1.5)], "r", 330.0), 0.4, 0.4, 1e-3)
+        assert least_thickness(cell, 0.4, 0.4, 1e-3) == np.inf
+    assert least_thickness(grating([dark.layers[0], layer(1e6, 1.5)], "r", 330.0), 0.4, 0.4, 1e-3) == 1e6
