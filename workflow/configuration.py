@@ -17,7 +17,6 @@ from dynamics.attitude import rotation_from_angles
 from dynamics.scene import Scene, read_scene
 from optics.cells import Cell, ThinFilm, read_cell
 from optics.files import InputError, Strict, load_yaml, scalar, validate
-from workflow.demands import basin_seconds, blocks, cells_seconds, fdtd_seconds
 
 SOURCE = "workflow/config.yaml"
 PROGRAM = ("workflow", "optics", "dynamics", "tests")
@@ -136,18 +135,19 @@ class Plan:
     def fdtd_parts(self, design: str) -> int:
         """Jobs that a design's FDTD table is split into."""
         cell = self.cells.get(design) or _read_cell(self.folder, design)
-        return 1 if isinstance(cell, ThinFilm) else self._blocks(fdtd_seconds(cell, self.config.fdtd_tolerance))
+        return 1 if isinstance(cell, ThinFilm) else self._blocks("fdtd_seconds", cell, self.config.fdtd_tolerance)
 
     def basin_parts(self, scene: str) -> int:
         """Jobs that a scene's basin map is split into."""
-        return self._blocks(basin_seconds(self.scene(scene)))
+        return self._blocks("basin_seconds", self.scene(scene))
 
     def screening_parts(self, cells: int, orders: int) -> int:
         """Jobs that so many cells of a family are split into."""
-        return self._blocks(cells_seconds(cells, orders))
+        return self._blocks("cells_seconds", cells, orders)
 
-    def _blocks(self, seconds: float) -> int:
-        return blocks(seconds, self.config.block_minutes)
+    def _blocks(self, work: str, *of: Any) -> int:
+        demands = importlib.import_module("workflow.demands")
+        return int(demands.blocks(getattr(demands, work)(*of), self.config.block_minutes))
 
     @property
     def all_tables(self) -> list[str]:
