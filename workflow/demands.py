@@ -7,9 +7,10 @@ what is computed.
 from __future__ import annotations
 
 import contextlib
+import heapq
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,11 +40,31 @@ DIRECTIONS, A_PIXEL_STEP = 60, 3.5e-6
 A_TURN = 4e-4
 #: s of a cell at one number of orders, and its growth with them: eigenvalues of matrices, three numbers a cell.
 A_LOCAL, ORDERS = 0.03, 15
+#: s that a job takes beside its work: two Snakemakes that read the workflow, and the start of Python with its modules.
+START = 8.0
 
 
 def blocks(seconds: float, minutes: float) -> int:
     """Jobs that work of so many s is cut into, each of about `minutes`."""
     return max(1, round(seconds / (60.0 * minutes)))
+
+
+def makespan(work: Sequence[float], cores: int, start: float = 0.0, a_second: float = math.inf) -> float:
+    """s until jobs of such work are done: submitted one after the other, so many a second, to the first free core."""
+    free = [0.0] * cores
+    for i, seconds in enumerate(sorted(work, reverse=True)):
+        begin = max(heapq.heappop(free), (i + 1) / a_second)
+        heapq.heappush(free, begin + start + seconds)
+    return max(free)
+
+
+def overhead(work: Sequence[float], cores: int, a_second: float = 1.0) -> tuple[float, float]:
+    """What a cluster spends beside jobs of such work in s: starts as a share of the work, and the time they are late.
+
+    The latter is a share of the time that the same jobs take without start and submission.
+    """
+    ideal = makespan(work, cores)
+    return START * len(work) / sum(work), makespan(work, cores, START, a_second) / ideal - 1.0
 
 
 def fdtd_seconds(cell: Grating, tolerance: float) -> float:
