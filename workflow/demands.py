@@ -164,7 +164,7 @@ def attach(rules: Any, machine_code: Any) -> None:
     """Let all rules ask for what their jobs take, and those that fly for machine code first."""
     for rule in rules:
         for name in ("mem_mb", "runtime"):
-            if name in rule.resources:
+            if name in rule.resources and not rule.resources[name].is_evaluable():  # not Snakemake's own defaults
                 rule.resources[name] = request(rule, name)
         program = PROGRAM.search(rule.shellcmd or "")
         if program and program[1] in COMPILED:

@@ -44,7 +44,7 @@ class Files(dict):
 
 
 def _rule(command: str, **resources: int) -> SimpleNamespace:
-    values = {name: SimpleNamespace(value=value) for name, value in resources.items()}
+    values = {name: SimpleNamespace(value=value, is_evaluable=lambda: False) for name, value in resources.items()}
     return SimpleNamespace(shellcmd=command, resources=values, name="a")
 
 
