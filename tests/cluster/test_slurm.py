@@ -191,7 +191,8 @@ def _content(path: Path) -> Any:
 
     def take(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset) and name.split("/")[-1] not in TIMES:
-            found[name] = item[()].tobytes() if isinstance(item[()], np.ndarray) else item[()]
+            values = np.asarray(item[()])
+            found[name] = values.tolist() if values.dtype.hasobject else values.tobytes()
         found.update({f"{name}:{key}": str(value) for key, value in item.attrs.items() if key not in TIMES})
 
     with h5py.File(path) as file:
