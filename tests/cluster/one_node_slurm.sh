@@ -128,6 +128,7 @@ start() {
         echo "error: $LINK: there is a Slurm on this machine already" >&2
         exit 2
     fi
+    trap stop EXIT  # what a start that fails leaves
     ln -sfn "$SLURM_CONF" $LINK
     install -d -m 0755 "$place/state" "$place/spool"
     start_munge
@@ -139,6 +140,7 @@ start() {
     wait_for slurmctld scontrol ping
     slurmd
     wait_for "the node" sh -c 'sinfo -h -o %T | grep -q -x -E "idle|mixed|allocated"'
+    trap - EXIT
     echo "Slurm $(sinfo --version | cut -d ' ' -f 2), $([ -z "$accounting" ] && echo without || echo with) accounting"
 }
 

@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -31,12 +32,12 @@ def _ask(*command: str) -> str:
 
 
 @pytest.fixture(scope="module", params=["--accounting", ""], ids=["accounting", "none"])
-def cluster(request, tmp_path_factory) -> Iterator[str]:
-    place = str(tmp_path_factory.mktemp("cluster"))
-    os.chmod(Path(place).parent, 0o755)  # MariaDB's and munge's users look in here
-    subprocess.run([CLUSTER, "start", place, *filter(None, [request.param])], check=True)
-    yield request.param
-    subprocess.run([CLUSTER, "stop", place], check=True)
+def cluster(request) -> Iterator[str]:
+    with tempfile.TemporaryDirectory() as place:
+        os.chmod(place, 0o755)  # MariaDB's and munge's users look in here
+        subprocess.run([CLUSTER, "start", place, *filter(None, [request.param])], check=True)
+        yield request.param
+        subprocess.run([CLUSTER, "stop", place], check=True)
 
 
 def _environment(project: Path) -> dict[str, str]:
