@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := results
-.PHONY: results test test-slow setup
+.PHONY: results test test-slow test-slurm setup
 
 CORES ?= $(shell env -u OMP_NUM_THREADS nproc)
 VENV := .venv
@@ -50,7 +50,12 @@ test: setup
 
 # Checks of minutes each: whole flights against the published ones, FDTD at full resolution.
 test-slow: setup
-	$(ONE_THREAD) $(BIN)/python -m pytest -m slow
+	$(ONE_THREAD) $(BIN)/python -m pytest -m "slow and not slurm"
+
+# The workflow on a Slurm cluster of this one machine, with accounting and without. As root: it installs Slurm from Debian.
+test-slurm: setup
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,slurm]' -c constraints.txt
+	$(ONE_THREAD) $(BIN)/python -m pytest -m slurm
 
 setup: $(READY)
 

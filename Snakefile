@@ -38,6 +38,7 @@ rule all:
 
 
 keys.attach()  # to all rules above
+attach(workflow.rules, ancient(MACHINE_CODE))
 
 
 onsuccess:

@@ -19,7 +19,7 @@ from typing import Any
 
 from numba.core import caching, config
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).resolve().parents[1]
 VARIABLE = "NUMBA_CACHE_DIR"
 _OURS = re.compile(r"numba-[0-9a-f]{16}")
 _SUM = hashlib.sha256().digest_size
@@ -57,6 +57,13 @@ class Checked(caching.IndexDataCacheFile):
         if not _fits(Path(self._data_path(name)).read_bytes()):
             raise OSError("damaged")  # Numba takes the file for missing
         return super()._load_data(name)
+
+
+class Resolved(caching.UserProvidedCacheLocator):
+    """Machine code of a file is one, by whatever link the file is reached: a checkout's, in all folders of results."""
+
+    def __init__(self, py_func: Any, py_file: str) -> None:
+        super().__init__(py_func, os.path.realpath(py_file))
 
 
 def _fits(content: bytes) -> bool:
@@ -111,3 +118,5 @@ def use_cache(root: Path = ROOT) -> None:
         raise SystemExit(2)
     os.environ[VARIABLE] = config.CACHE_DIR = str(folder)
     caching.IndexDataCacheFile = Checked
+    if Resolved not in caching.CacheImpl._locator_classes:
+        caching.CacheImpl._locator_classes.insert(0, Resolved)

@@ -9,9 +9,13 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from optics.files import Positive, Strict
+from optics.incidence import Floats
 from optics.outline import Grating, depth_nm, polygons
 
 _FEWEST = 8  # pixels a period
+_BYTES = 1500  # a pixel of Meep's needs, with poles and complex fields of all components, and what Python holds of it
+_SET_UP = 1e5
+FEWEST_RUNS = 3  # resolutions that every direction is solved at
 # A table's tolerance in those of its directions: the rest is for what lies between them.
 TABLE = 3.0
 
@@ -119,3 +123,25 @@ def layout(cell: Grating, n_x: int, settings: FdtdSettings, thicker: float = 1.0
         period, n_x, n_y, absorber, bottom * pixel,
         (top - 0.5) * pixel, (bottom - padding + 0.5) * pixel, (top + 1) * pixel,
     )
+
+
+def work(cell: Grating, settings: FdtdSettings) -> Floats:
+    """Pixels × steps per period of the light (n_rungs,), whole numbers, of one direction in the plane of incidence.
+
+    To set up a run takes as long as some of them.
+    """
+    grids = [layout(cell, n, settings) for n in rungs(cell, settings)]
+    wavelength = cell.wavelength_nm / 1000
+    steps = [g.n_x * g.n_y * wavelength / (settings.courant * g.pixel) for g in grids]
+    return np.round(np.array(steps) + _SET_UP)
+
+
+def finest(cell: Grating, settings: FdtdSettings) -> int:
+    """Pixels a period of the finest resolution that every direction takes."""
+    return rungs(cell, settings)[: min(FEWEST_RUNS, len(settings.pixels_per_wavelength))][-1]
+
+
+def memory(cell: Grating, settings: FdtdSettings) -> float:
+    """Bytes of the grid of the resolutions that every direction takes."""
+    n = finest(cell, settings)
+    return float(_BYTES * n * layout(cell, n, settings).n_y)

@@ -16,35 +16,20 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from optics.fdtd_adaptive import adapt
-from optics.fdtd_grid import FdtdSettings, layout, rungs
+from optics.fdtd_grid import FEWEST_RUNS, FdtdSettings, finest, memory, work
 from optics.files import InputError
 from optics.incidence import Floats
 from optics.lamellar import solve
 from optics.outline import Grating, upright
 
-_BYTES = 1500  # a pixel of Meep's needs, with poles and complex fields of all components, and what Python holds of it
-_SET_UP = 1e5
-_FEWEST_RUNS = 3  # resolutions that every direction is solved at
 _OUT_OF_PLANE = 2.0
 _GOLDEN = (5**0.5 - 1) / 2
 _ORDER = 12
 
 
-def work(cell: Grating, settings: FdtdSettings) -> Floats:
-    """Pixels × steps per period of the light (n_rungs,), whole numbers, of one direction in the plane of incidence.
-
-    To set up a run takes as long as some of them.
-    """
-    grids = [layout(cell, n, settings) for n in rungs(cell, settings)]
-    wavelength = cell.wavelength_nm / 1000
-    steps = [g.n_x * g.n_y * wavelength / (settings.courant * g.pixel) for g in grids]
-    return np.round(np.array(steps) + _SET_UP)
-
-
 def check_memory(cell: Grating, settings: FdtdSettings) -> None:
     """InputError where the resolutions that every direction takes do not fit into this machine's memory."""
-    n = rungs(cell, settings)[: min(_FEWEST_RUNS, len(settings.pixels_per_wavelength))][-1]
-    needed = _BYTES * n * layout(cell, n, settings).n_y
+    n, needed = finest(cell, settings), memory(cell, settings)
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if needed > there:
         raise InputError(
@@ -77,7 +62,7 @@ class Progress:
     """A bar on a terminal, a line a minute in a log, the first at once; one direction after the other is reported."""
 
     def __init__(self, cell: Grating, settings: FdtdSettings, directions: Floats, what: str) -> None:
-        self._runs = work(cell, settings)[:_FEWEST_RUNS]
+        self._runs = work(cell, settings)[:FEWEST_RUNS]
         self._weights = self._runs
         self._part = 0.0
         self._left = {(float(u), float(v)): self._weight(float(v)) for u, v in directions}

@@ -43,16 +43,14 @@ class Config(Strict):
     accept_missed: bool
     fdtd: Switch
     fdtd_designs: list[Name]
-    fdtd_parts: Annotated[int, Field(ge=1, le=1000)]
     fdtd_grid: Grid
     fdtd_tolerance: Tolerance
-    screening_parts: Annotated[int, Field(ge=1, le=10000)]
+    block_minutes: Annotated[float, Field(ge=0.1, le=1000)]
     floquet: list[Name]
     maps: list[Name]
     rigid: list[Name]
     flight: list[Name]
     basins: list[Name]
-    basin_parts: Annotated[int, Field(ge=1, le=1000)]
 
 
 def meep_installed() -> bool:
@@ -131,7 +129,24 @@ class Plan:
 
     def parts(self, design: str) -> list[str]:
         """Paths of the blocks of directions that a design's FDTD table is merged from."""
-        return [f"results/tables/{design}/fdtd/part{i}.h5" for i in range(1, self.config.fdtd_parts + 1)]
+        return [f"results/tables/{design}/fdtd/part{i}.h5" for i in range(1, self.fdtd_parts(design) + 1)]
+
+    def fdtd_parts(self, design: str) -> int:
+        """Jobs that a design's FDTD table is split into."""
+        cell = self.cells.get(design) or _read_cell(self.folder, design)
+        return 1 if isinstance(cell, ThinFilm) else self._blocks("fdtd_seconds", cell, self.config.fdtd_tolerance)
+
+    def basin_parts(self, scene: str) -> int:
+        """Jobs that a scene's basin map is split into."""
+        return self._blocks("basin_seconds", self.scene(scene))
+
+    def screening_parts(self, cells: int, orders: int) -> int:
+        """Jobs that so many cells of a family are split into."""
+        return self._blocks("cells_seconds", cells, orders)
+
+    def _blocks(self, work: str, *of: Any) -> int:
+        demands = importlib.import_module("workflow.demands")
+        return int(demands.blocks(getattr(demands, work)(*of), self.config.block_minutes))
 
     @property
     def all_tables(self) -> list[str]:

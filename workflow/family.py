@@ -175,6 +175,21 @@ class Family(Strict):
             for key in type(group).model_fields if (values := getattr(group, key)) is not None
         }
 
+    @property
+    def most_cells(self) -> int:
+        """Cells that are solved, at most: of one kind and of the other."""
+        if self.sample.kind != "product":
+            return 2 * (self.sample.count or 0) * len(self.sample.scales)
+        sizes = {key: _count(values) for key, values in self.varied.items()}
+        kinds = (("te.", "both."), ("tm.", "both."))
+        return sum(math.prod(n for key, n in sizes.items() if key.startswith(kind)) for kind in kinds)
+
+
+def _count(values: Any) -> int:
+    """How many values of a product's parameter there are."""
+    values = values.times if isinstance(values, Factors) else values
+    return (values.count or 2) if isinstance(values, Range) else len(values)
+
 
 def read_family(path: str | Path) -> Family:
     """The family in a YAML file; InputError names the file, the field and what is allowed."""

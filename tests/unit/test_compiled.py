@@ -55,6 +55,18 @@ def test_an_edited_callee_is_compiled_again(copy: Path):
     assert run(copy) == "3 1.5"
 
 
+def test_folders_with_links_to_a_checkout_share_its_machine_code(copy: Path, tmp_path: Path):
+    run(copy)
+    before = {path: path.stat().st_mtime_ns for path in files(copy)}
+    folder = tmp_path / "results here"
+    folder.mkdir()
+    for name in ("optics", "dynamics"):
+        (folder / name).symlink_to(copy / name)
+    assert run(folder) == "2 1.0"
+    assert files(folder) == []
+    assert {path: path.stat().st_mtime_ns for path in files(copy)} == before
+
+
 def test_what_was_compiled_is_used_again(copy: Path):
     run(copy)
     before = {path: path.stat().st_mtime_ns for path in files(copy)}

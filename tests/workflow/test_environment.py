@@ -30,7 +30,8 @@ def _of(requirements: list[Requirement], python: str) -> list[Requirement]:
 
 @pytest.mark.parametrize("python", ["3.11", "3.13"])
 def test_every_requirement_has_one_pin_that_meets_it(python):
-    texts = [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["dev"]]
+    extras = PROJECT["optional-dependencies"]
+    texts = [*PROJECT["dependencies"], *extras["dev"], *extras["slurm"]]
     pins = {}
     for pin in _of(PINS, python):
         assert _name(pin) not in pins

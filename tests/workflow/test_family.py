@@ -16,6 +16,7 @@ import yaml
 from dynamics.scene import read_scene
 from optics.cells import read_cell, read_metagrating
 from optics.files import InputError, load_yaml, read_lines
+from workflow.configuration import read_config, read_plan
 from workflow.family import base_parameters, expand, number_cells, read_family
 
 ROOT = Path(__file__).parents[2]
@@ -129,10 +130,11 @@ def test_members_that_fail_cost_no_fdtd_and_no_flight(tmp_path):
     assert one.returncode == 0, one.stdout + one.stderr
     dry = _snakemake(tmp_path, "--dry-run", "--config", "fdtd=true", "--", "screening")
     assert dry.returncode == 0, dry.stderr
-    basin_parts = yaml.safe_load((tmp_path / "workflow/config.yaml").read_text())["basin_parts"]
+    plan = read_plan(read_config([tmp_path / "workflow/config.yaml"], {"fdtd": True}), tmp_path)
+    parts = max(map(plan.fdtd_parts, plan.scene("fig6").sail.designs))
     jobs = dict(re.findall(r"^(candidate_\w+|cells) +(\d+)$", dry.stdout + dry.stderr, re.M))
     assert jobs == {
-        "candidate_modal_table": "4", "candidate_fdtd_nodes": "4", "candidate_fdtd_part": "32",
+        "candidate_modal_table": "4", "candidate_fdtd_nodes": "4", "candidate_fdtd_part": str(4 * parts),
         "candidate_fdtd_table": "4", "candidate_floquet": "2", "candidate_floquet_fdtd": "2", "candidate_rigid": "2",
-        "candidate_flight": "2", "candidate_basin": "2", "candidate_basin_part": str(2 * basin_parts),
+        "candidate_flight": "2", "candidate_basin": "2", "candidate_basin_part": str(2 * plan.basin_parts("fig6")),
     }

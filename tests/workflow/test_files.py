@@ -125,7 +125,7 @@ def test_scenes_fly_on_the_tables_that_the_configuration_names():
         ({"tables": "model"}, r"config.yaml: tables = \"model\": must be 'modal' or 'fdtd'"),
         ({"table": "modal"}, r"unknown key 'table'; did you mean 'tables'\?"),
         ({"fdtd": "yes please"}, r"fdtd = \"yes please\": must be 'auto', true or false"),
-        ({"fdtd_parts": 0}, r"fdtd_parts = 0: must be greater than or equal to 1"),
+        ({"block_minutes": 0}, r"block_minutes = 0: must be greater than or equal to 0.1"),
         ({"fdtd_grid": {"u_max": 1.2, "v_max": 0.1, "tolerance": 0.01}}, r"fdtd_grid.u_max = 1.2: must be less than 1"),
         ({"rigid": ["fig7"]}, r"scenes/fig7.yaml: no such file"),
         ({"designs": ["gold"]}, r"designs/gold.yaml: no such file"),

@@ -66,9 +66,9 @@ def test_the_command_line_overrules_the_file_key_by_key(given, tolerance, fdtd):
 
 
 def test_a_further_file_overrules_the_first(tmp_path):
-    (tmp_path / "mine.yaml").write_text("modal: {tolerance: 1e-2}\nfdtd_parts: 010\nfdtd: false\n", encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text("modal: {tolerance: 1e-2}\nblock_minutes: 010\nfdtd: false\n", encoding="utf-8")
     plan = read_plan(read_config([ROOT / "workflow/config.yaml", tmp_path / "mine.yaml"], {"fdtd": "auto"}), ROOT)
-    assert (plan.config.modal.tolerance, plan.config.fdtd_parts, plan.config.fdtd) == (1e-2, 10, "auto")
+    assert (plan.config.modal.tolerance, plan.config.block_minutes, plan.config.fdtd) == (1e-2, 10, "auto")
 
 
 def test_snakemake_reads_numbers_as_the_stages_do(program, tmp_path):

@@ -16,7 +16,7 @@ rule basin_part:
     benchmark:
         "results/benchmarks/scenes/{scene}/basin/{incidence}/part{part}.tsv"
     params:
-        parts=plan.config.basin_parts,
+        parts=basin_parts,
     threads: 1
     resources:
         mem_mb=1000,
@@ -32,8 +32,9 @@ rule basin:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
-        parts=[
-            f"results/scenes/{{scene}}/basin/{{incidence}}/part{i}.h5" for i in range(1, plan.config.basin_parts + 1)
+        parts=lambda wildcards: [
+            f"results/scenes/{wildcards.scene}/basin/{wildcards.incidence}/part{i + 1}.h5"
+            for i in range(basin_parts(wildcards))
         ],
     output:
         "results/scenes/{scene}/basin/{incidence}.h5",

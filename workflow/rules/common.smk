@@ -11,8 +11,10 @@ from snakemake.logging import logger
 sys.path.insert(0, workflow.basedir)
 
 from optics.files import InputError
+from optics.compiled import digest as digest_of_kernels
 from optics.sources import digest_of
 from workflow.configuration import SOURCE, link_program, read_config, read_plan
+from workflow.demands import attach
 from workflow.keys import WHOLE_GRAPH, Keys
 from workflow.ledger import Ledger
 
@@ -76,6 +78,24 @@ def nodes(wildcards):
     return checkpoints.fdtd_nodes.get(design=wildcards.design).output
 
 
+def fdtd_parts(wildcards):
+    """Jobs that an FDTD table is split into; a candidate's as that of the design it varies."""
+    kin = wildcards.get("family") and plan.scene(family(wildcards.family).scene).sail.designs
+    return max(map(plan.fdtd_parts, kin)) if kin else checked(plan.fdtd_parts, wildcards.design)
+
+
+def basin_parts(wildcards):
+    """Jobs that a basin map is split into; a candidate's as that of the scene it varies."""
+    scene = family(wildcards.family).scene if wildcards.get("family") else wildcards.scene
+    return checked(plan.basin_parts, scene)
+
+
+def screening_parts(wildcards):
+    """Jobs that the cells of a family are split into."""
+    made = family(wildcards.family)
+    return plan.screening_parts(made.most_cells, made.orders)
+
+
 def labelled(scenes, file):
     """NAME=FILE of each scene, for a script's command line."""
     return [f"{scene}=results/scenes/{scene}/{file}" for scene in scenes]
@@ -85,3 +105,28 @@ wildcard_constraints:
     design=r"[A-Za-z0-9_.-]+",
     scene=r"[A-Za-z0-9_.-]+",
     part=r"\d+",
+
+
+# Jobs that start together would compile the same kernels each. One file for each state of the kernels: results do not
+# depend on it, and another state's counts for nothing.
+MACHINE_CODE = f"results/machine_code/{digest_of_kernels()}.txt"
+
+
+rule machine_code:
+    input:
+        scene="workflow/scenes/fig6.yaml",
+    output:
+        MACHINE_CODE,
+    log:
+        "results/logs/machine_code.log",
+    benchmark:
+        "results/benchmarks/machine_code.tsv"
+    threads: 1
+    resources:
+        mem_mb=2500,
+        runtime=30,
+    priority: 110
+    message:
+        "Machine code of flights"
+    shell:
+        "python workflow/machine_code.py --out {output} > {log} 2>&1"

@@ -86,7 +86,7 @@ rule fdtd_part:
     benchmark:
         "results/benchmarks/tables/{design}/fdtd/part{part}.tsv"
     params:
-        parts=plan.config.fdtd_parts,
+        parts=fdtd_parts,
         tolerance=plan.config.fdtd_tolerance,
         # Rows are kept here as they come. A job that was killed goes on from them, unless what it is made from has changed.
         rows=lambda wildcards, output: f"{output}.{keys.of(str(output))[:12]}",

@@ -77,7 +77,7 @@ rule cells:
     benchmark:
         "results/benchmarks/screening/{family}/cells/{part}.tsv"
     params:
-        blocks=plan.config.screening_parts,
+        blocks=screening_parts,
         orders=lambda wildcards: family(wildcards.family).orders,
     threads: 1
     resources:
@@ -96,7 +96,9 @@ rule screened:
     input:
         scene=base_scene,
         members="results/screening/{family}/members.parquet",
-        cells=[f"results/screening/{{family}}/cells/{k + 1}.parquet" for k in range(plan.config.screening_parts)],
+        cells=lambda wildcards: [
+            f"results/screening/{wildcards.family}/cells/{k + 1}.parquet" for k in range(screening_parts(wildcards))
+        ],
     output:
         "results/screening/{family}/screened.parquet",
     log:
@@ -201,7 +203,9 @@ use rule fdtd_part as candidate_fdtd_part with:
 
 use rule fdtd_table as candidate_fdtd_table with:
     input:
-        parts=[f"{CONFIRMED}/{{cell}}/fdtd/part{k + 1}.h5" for k in range(plan.config.fdtd_parts)],
+        parts=lambda wildcards: [
+            f"{CONFIRMED}/{{cell}}/fdtd/part{k + 1}.h5".format(**dict(wildcards.items())) for k in range(fdtd_parts(wildcards))
+        ],
         cell=candidate("{cell}.yaml"),
         nodes=f"{CONFIRMED}/{{cell}}/fdtd/nodes.json",
     output:
@@ -274,7 +278,9 @@ use rule basin as candidate_basin with:
     input:
         scene=candidate("sail.yaml"),
         tables=[f"{CONFIRMED}/{cell}/modal.h5" for cell in ("te", "tm")],
-        parts=[f"{CONFIRMED}/basin/{{incidence}}/part{i}.h5" for i in range(1, plan.config.basin_parts + 1)],
+        parts=lambda wildcards: [
+            f"{CONFIRMED}/basin/{{incidence}}/part{i + 1}.h5".format(**dict(wildcards.items())) for i in range(basin_parts(wildcards))
+        ],
     output:
         f"{CONFIRMED}/basin/{{incidence}}.h5",
     log:
