@@ -37,8 +37,8 @@ rule all:
         "results/contents.sha256",
 
 
-keys.attach()  # to all rules above
 attach(workflow.rules, ancient(MACHINE_CODE))
+keys.attach()  # to all rules above, with the inputs that they have by now
 
 
 onsuccess:
