@@ -43,15 +43,12 @@ STAGES = {
 
 
 @pytest.mark.parametrize("stage", list(STAGES))
-def test_a_stage_on_a_full_disk_ends_in_one_line_and_leaves_what_was_there(
-    tmp_path: Path, stage: str, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_stage_on_a_full_disk_ends_in_one_line_and_leaves_what_was_there(tmp_path: Path, stage: str):
     """Full from the first byte, in the middle, and one byte before the end of the file."""
     main, arguments = STAGES[stage]
     given = arguments(tmp_path)
     out = Path(given[-1])
-    monkeypatch.setattr("sys.argv", [stage, *given])
-    main()
+    assert run(main, given)[0] == 0
     size = out.stat().st_size
     out.write_text("the former file")
     for room in (0, size // 2, size - 1):
