@@ -26,9 +26,16 @@ HEAD, TAIL, PIECE = 1 << 12, 1 << 20, 1 << 20
 
 def with_checksum(content: bytes, at: int | None = None, before: bytes = b"", after: bytes = b"\n") -> bytes:
     """The content with its checksum at a place of it, by default the end, between the bytes `before` and `after`."""
-    at = len(content) if at is None else at
-    start, rest = content[:at] + before, after + content[at:]
-    return start + MARK + hashlib.sha256(start + rest).hexdigest().encode() + rest
+    at, whole = len(content) if at is None else at, memoryview(content)
+    sums = hashlib.sha256()
+    for part in (whole[:at], before, after, whole[at:]):
+        sums.update(part)
+    return b"".join((whole[:at], before, MARK, sums.hexdigest().encode(), after, whole[at:]))
+
+
+def trailer(content: bytes | memoryview) -> bytes:
+    """The checksum that follows a content at its end."""
+    return MARK + hashlib.sha256(content).hexdigest().encode()
 
 
 def append_checksum(path: Path) -> None:

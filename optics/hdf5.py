@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.checksum import with_checksum
+from optics.checksum import trailer
 from optics.files import atomic, require_whole
 from optics.made import as_attribute
 
@@ -35,8 +35,9 @@ def real(data: h5py.Dataset) -> NDArray[np.float64]:
 
 def write_hdf5(path: str | Path, content: bytes | memoryview) -> None:
     """Write a file and its checksum, atomically. OSError names it where the disk is full."""
-    with atomic(path) as temporary:
-        temporary.write_bytes(with_checksum(bytes(content), after=b""))
+    with atomic(path) as temporary, open(temporary, "wb") as stream:
+        stream.write(content)
+        stream.write(trailer(content))
 
 
 @contextlib.contextmanager
