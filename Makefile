@@ -46,7 +46,7 @@ test: setup
 	$(BIN)/mypy
 	$(BIN)/mypy workflow/*.py workflow/figures/*.py
 	$(BIN)/lint-imports
-	$(ONE_THREAD) $(BIN)/python -m pytest -m "not slow"
+	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
 
 # Checks of minutes each: whole flights against the published ones, FDTD at full resolution.
 test-slow: setup

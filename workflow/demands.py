@@ -160,12 +160,12 @@ def request(rule: Any, name: str) -> Callable[..., int]:
     return asked
 
 
-def attach(rules: Any, machine_code: Any) -> None:
-    """Let all rules ask for what their jobs take, and those that fly for machine code first."""
+def attach(rules: Any, machine_code: Any | None) -> None:
+    """Let all rules ask for what their jobs take, and those that fly for machine code first, if there is to be any."""
     for rule in rules:
         for name in ("mem_mb", "runtime"):
             if name in rule.resources and not rule.resources[name].is_evaluable():  # not Snakemake's own defaults
                 rule.resources[name] = request(rule, name)
         program = PROGRAM.search(rule.shellcmd or "")
-        if program and program[1] in COMPILED:
+        if machine_code and program and program[1] in COMPILED:
             rule.set_input(machine_code)

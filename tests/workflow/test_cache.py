@@ -32,11 +32,8 @@ def copy(folder: Path) -> Path:
     """A copy of the project with a configuration of films alone: two designs, a scene that flies on one of them."""
     for name in ("optics", "dynamics", "workflow"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copy(ROOT / "constraints.txt", folder)
-    # Kernels of flights, which nothing here flies on, would be compiled for minutes.
-    lines = (ROOT / "Snakefile").read_text(encoding="utf-8").splitlines(keepends=True)
-    assert len(kept := [line for line in lines if "MACHINE_CODE" not in line]) == len(lines) - 1
-    (folder / "Snakefile").write_text("".join(kept), encoding="utf-8")
+    for name in ("Snakefile", "constraints.txt"):
+        shutil.copy(ROOT / name, folder)
     (folder / "profiles").symlink_to("workflow/profiles")
     (folder / "tests").mkdir()
     scene = read_scene(ROOT / "workflow/scenes/fig6.yaml").model_dump(exclude_none=True, mode="json")

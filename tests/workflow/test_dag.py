@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from optics.compiled import digest
 from optics.files import load_yaml
 from workflow.configuration import read_plan
 
@@ -56,8 +55,7 @@ def _outputs(folder: Path) -> list[str]:
     figures = [f"results/figures/{name}.{kind}" for name in plan.figures for kind in ("png", "svg")]
     summary = ["results/summary.csv", "results/summary.html", "results/contents.sha256"]
     maps = [f"results/scenes/{scene}/maps.h5" for scene in plan.config.maps]
-    code = f"results/machine_code/{digest(folder)}.txt"
-    stages = [code, *maps, *plan.all_tables, *parts, *nodes, *plans, *plan.all_floquet, *plan.all_flights]
+    stages = [*maps, *plan.all_tables, *parts, *nodes, *plans, *plan.all_floquet, *plan.all_flights]
     return [*stages, *plan.benchmarks, *plan.checks, *figures, *summary]
 
 
@@ -106,8 +104,14 @@ def test_all_stages_are_run_the_first_time(new):
         "rigid": len(plan.config.rigid), "flight": len(plan.config.flight), "pressure_figure": len(plan.gratings),
         "fdtd_figure": 1, "multipliers_figure": 1, "flights_figure": 1, "summary": 1, "checks": 1,
         "snapshots_figure": len(plan.config.flight), "maps": len(plan.config.maps),
-        "maps_figure": len(plan.config.maps), "contents": 1, "machine_code": 1,
+        "maps_figure": len(plan.config.maps), "contents": 1,
     }
+
+
+def test_machine_code_comes_first_where_that_is_asked_for(new, monkeypatch):
+    plain = _jobs(new)
+    monkeypatch.setenv("BEAMRIDER_COMPILE_FIRST", "yes")
+    assert _jobs(new) == plain | {"machine_code": 1}
 
 
 def test_a_second_run_does_nothing_and_new_dates_change_nothing(done):
@@ -188,7 +192,7 @@ def test_a_scene_that_the_configuration_does_not_name_can_be_made(tmp_path):
     scenes = _copy(tmp_path) / "workflow/scenes"
     fig6 = (scenes / "fig6.yaml").read_text(encoding="utf-8")
     (scenes / "own.yaml").write_text(fig6.replace("name: fig6", "name: own"), encoding="utf-8")
-    assert _jobs(tmp_path, "--", "results/scenes/own/rigid.h5") == {"machine_code": 1, "modal_table": 2, "rigid": 1}
+    assert _jobs(tmp_path, "--", "results/scenes/own/rigid.h5") == {"modal_table": 2, "rigid": 1}
     result = _snakemake(tmp_path, "--dry-run", "--config", "fdtd=false", "--", "results/scenes/none/rigid.h5")
     assert result.returncode == 2
     assert result.stderr.splitlines()[-1] == "error: workflow/scenes/none.yaml: no such file"

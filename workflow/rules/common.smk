@@ -107,8 +107,9 @@ wildcard_constraints:
     part=r"\d+",
 
 
-# Jobs that start together would compile the same kernels each. One file for each state of the kernels: results do not
-# depend on it, and another state's counts for nothing.
+# Jobs that start together would compile the same kernels each. Where there are many of them, on a cluster, its profile sets
+# BEAMRIDER_COMPILE_FIRST, and all wait for this: minutes, for every kernel there is. One file for each state of the kernels:
+# results do not depend on it, and another state's counts for nothing.
 MACHINE_CODE = f"results/machine_code/{digest_of_kernels()}.txt"
 
 
