@@ -59,7 +59,8 @@ def _of_steps(cell: Slanted, u: float, v: float, order: int) -> Floats:
     f: Complexes = np.linalg.solve(np.eye(2 * n) - front @ rho, e_in + h_in - front @ (e_in - h_in))
     entering, lost = _power(f, rho @ f), np.zeros(2)
     for i, (above, through) in enumerate(zip(seen[:0:-1], down[::-1], strict=True)):
-        lost += _lost_in_step(of, i, u_m[0], v, np.concatenate([f + above @ f, f - above @ f]) / 2)
+        fields: Complexes = np.asarray(np.concatenate([f + above @ f, f - above @ f]) / 2, complex)
+        lost += _lost_in_step(of, i, u_m[0], v, fields)
         f = through @ f
     return np.asarray((lost + _power(f, seen[0] @ f) - entering) / (e_in * h_in.conj()).sum(axis=0).real)
 

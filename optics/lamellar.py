@@ -311,6 +311,8 @@ def efficiencies(
     rho, through = tail(stack.behind, stack.back, u_m, v)
     e_in, h_in = incident_light(u, v, order, stack.front_index)
     source = e_in + h_in - apply_blocks(front, e_in - h_in)
+    top: Complexes
+    bottom: Complexes
     if stack.slanted:
         top, bottom = np.empty((v.size, 2, *source.shape[1:]), complex), np.empty_like(source)
         climb_steps(steps(stack.slanted, order), u_m, v, front, blocks(rho, u_m, v), source, top, bottom)
