@@ -71,6 +71,15 @@ def _take(out: Floats, waves: Matrix, i: int, weight: float, u_m: float, w: floa
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _turn_order(fields: Matrix, m: int, a: float, b: float, out: Matrix) -> None:
+    """The s and p components (2, 2) of order m of fields (2 count, 2), whose k_t points along (a, b)."""
+    c = fields.shape[0] // 2
+    for i in range(2):
+        out[0, i] = a * fields[m, i] + b * fields[c + m, i]
+        out[1, i] = a * fields[c + m, i] - b * fields[m, i]
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _leaving(out: Floats, waves: Matrix, s: Setup, first: int, index: complex, u: float, v: float, sign: float) -> None:
     """Add the force of outgoing f (2 count, 2) in a lossless half-space, sign −1 behind the cell."""
     c, turned = waves.shape[0] // 2, np.empty((2, 2), np.complex128)
@@ -79,9 +88,7 @@ def _leaving(out: Floats, waves: Matrix, s: Setup, first: int, index: complex, u
         k_t, a, b = turn(u_m, v)
         if k_t >= index.real:
             continue
-        for i in range(2):
-            turned[0, i] = a * waves[m, i] + b * waves[c + m, i]
-            turned[1, i] = a * waves[c + m, i] - b * waves[m, i]
+        _turn_order(waves, m, a, b, turned)
         w = wave_number(index, k_t).real
         for p in range(2):
             y = admittance(index, complex(w, 0.0), p == 1).real
@@ -97,9 +104,7 @@ def _sent(out: Floats, fields: Matrix, s: Setup, u: float, v: float) -> None:
         k_t, a, b = turn(u_m, v)
         if k_t >= index.real:
             continue
-        for i in range(2):
-            turned[0, i] = a * fields[m, i] + b * fields[c + m, i]
-            turned[1, i] = a * fields[c + m, i] - b * fields[m, i]
+        _turn_order(fields, m, a, b, turned)
         w = wave_number(index, k_t).real
         for p in range(2):
             _take(out, turned, p, admittance(index, complex(w, 0.0), p == 1).real, u_m, -w, -1.0)

@@ -78,7 +78,7 @@ def choose_nodes(
     parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
     name, measures = f"modal {cell.name}", (own_error, error_in_any)
     samples, window = start(solver(chosen.order), curves, u, v, parity, OWN), resonance_window(cell, u_max, v_max)
-    few = scout(min(chosen.order, _guided(cell, u_max) + _MARGIN))
+    few = scout(min(chosen.order, guided_order(cell, u_max) + _MARGIN))
     if not are_there(few, samples, window, tolerance, name):
         return chosen, refine(samples, tolerance, measures, name)
     order = enough_orders(scout, finer_rungs(chosen.order), samples, window, tolerance, name)
@@ -89,9 +89,9 @@ def choose_nodes(
     return chosen, refine_with_resonances(samples, window, finer, tolerance, measures, name)
 
 
-def _guided(cell: ModalCell, u_max: float) -> int:
-    """Highest order that may run within the layers for |u| ≤ u_max."""
-    every = [1.0, *(epsilon for _, epsilon in polygons(source(cell)))]
+def guided_order(cell: ModalCell, u_max: float) -> int:
+    """Highest order that may run in front or within the layers for |u| ≤ u_max."""
+    every = [cell.surroundings.front**2, *(epsilon for _, epsilon in polygons(source(cell)))]
     return int(np.ceil((max(np.sqrt(complex(epsilon)).real for epsilon in every) + u_max) / cell.pitch))
 
 
@@ -176,7 +176,7 @@ def main() -> None:
     arguments = table_arguments("optics.modal", what, 1e-4, 0.4227, most_minutes=MOST_MINUTES)
     cell = read_grating(arguments.cell, arguments.wavelength_nm)
     check_range(cell.surroundings.front, arguments.u_max, arguments.v_max)
-    with threadpool_limits(1), compiling("20 s") as spent:
+    with threadpool_limits(1), compiling("20 s, or a minute on thick layers") as spent:
         table = make_table(cell, arguments.u_max, arguments.v_max, arguments.tolerance, arguments.most_minutes)
     table.attrs["cpu_seconds"] -= spent.cpu_seconds
     finish(table, arguments.out, arguments.accept_missed)

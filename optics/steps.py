@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -33,7 +34,7 @@ class Slanted:
     profile: Profile
     count: int
 
-    @property
+    @cached_property
     def _key(self) -> tuple[str, int]:
         return self.profile.model_dump_json(), self.count
 

@@ -26,7 +26,7 @@ def profile(vertices, axis="g", back=1.0, **index) -> Profile:
 def limit(cell: Profile, count: int, order: int):
     """q (n_u, n_v, 3) extrapolated from `count` steps and half as many."""
     fine, half = (solve(Slanted(cell, n), U, V, order).q for n in (count, count // 2))
-    return fine + (fine - half) / 3
+    return fine + (fine - half) / 15
 
 
 def test_nothing_is_lost_where_nothing_absorbs():
@@ -56,8 +56,8 @@ def test_a_flat_profile_is_a_film():
         "kind": "thin_film", "name": "film", "wavelength_nm": 1064.0, "polarisation": "s",
         "layers": [{"thickness_nm": 1000.0, "index": {"n": 2.0}}],
     })
-    exact, _ = pressure(film, np.abs(U))
-    error = [np.abs(np.abs(solve(Slanted(cell, n), U, np.zeros(1), 4).q[:, 0]) - np.abs(exact)).max() for n in (16, 32)]
+    exact = pressure(film, np.abs(U))[0] * np.stack([np.sign(U), np.ones(3), np.ones(3)], axis=-1)
+    error = [np.abs(solve(Slanted(cell, n), U, np.zeros(1), 4).q[:, 0] - exact).max() for n in (16, 32)]
     assert error[0] < 5e-3
     assert error[1] < error[0] / 14
 

@@ -14,7 +14,7 @@ from optics.files import InputError
 from optics.forecast import forecast
 from optics.lamellar import efficiencies, prepare, solve
 from optics.limit import edge_exponent, refuse_without_limit
-from optics.modal import make_table
+from optics.modal import guided_order, make_table
 from optics.steps import modal_cell
 from optics.truncation import change, choose, fitted_rate, remaining
 
@@ -167,6 +167,14 @@ def test_steps_follow_from_the_tolerance_and_their_error_is_told():
     assert np.all(true[1] < 1e-2)
     assert np.median(stated[1]) < 1e-2
     assert np.median(change(solve(modal_cell(cell, 8), u, v, chosen.order), many)[1]) > 3e-2
+
+
+def test_orders_that_run_in_front_are_looked_for_too():
+    """Glass in front is what no ridge covers: it guides where the ridges, of less index, do not."""
+    assert guided_order(wide(), 0.2) == np.ceil((1.5 + 0.2) * 10000.0 / 500.0)
+    assert guided_order(wide(layers=[{"thickness_nm": 500.0, "index": {"n": 1.5}, "ridges": [
+        {"start_nm": 0.0, "width_nm": 5000.0, "index": {"n": 1.1}},
+    ]}]), 0.2) == np.ceil((1.5 + 0.2) * 10000.0 / 500.0)
 
 
 def wide(**changed):
