@@ -14,7 +14,7 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from optics.files import run_stage
+from beamrider.io.files import run_stage
 
 
 @dataclass

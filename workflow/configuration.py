@@ -13,10 +13,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from dynamics.attitude import rotation_from_angles
-from dynamics.scene import Scene, read_scene
-from optics.cells import Cell, ThinFilm, read_cell
-from optics.files import InputError, Name, Strict, load_yaml, scalar, validate
+from beamrider.io.files import InputError, Name, Strict, load_yaml, scalar, validate
+from dynamics.sail.attitude import rotation_from_angles
+from dynamics.scene.schema import Scene, read_scene
+from optics.cells.schema import Cell, ThinFilm, read_cell
 
 SOURCE = "workflow/config.yaml"
 PROGRAM = ("workflow", "optics", "dynamics", "tests")

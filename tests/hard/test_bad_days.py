@@ -19,12 +19,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dynamics import basin, floquet, maps, membrane, mesh, rigid, screening
-from dynamics import scene as scenes
-from optics import local, modal, nodes, thin_film
-from optics.cells import read_cell
-from optics.files import read_json, write_lines
-from optics.parquet import write_parquet
+from beamrider.io.files import read_json, write_lines
+from beamrider.io.parquet import write_parquet
+from dynamics.membrane import flight as membrane
+from dynamics.rigid import basin
+from dynamics.rigid import stage as rigid
+from dynamics.sail import mesh
+from dynamics.scene import schema as scenes
+from dynamics.stability import floquet, maps, screening
+from optics.cells.schema import read_cell
+from optics.modal import fdtd_directions as nodes
+from optics.modal import normal_incidence as local
+from optics.modal import stage as modal
+from optics.thin_film import stage as thin_film
 from tests.families import many_cells, many_members
 from tests.membranes import altered, write_inputs
 from tests.processes import error, fork, full_at, run

@@ -23,19 +23,27 @@ import yaml
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from dynamics import basin, floquet, maps, membrane, mesh, rigid, screening
-from dynamics import scene as scenes
-from dynamics.journal import Journal
-from optics import fdtd, local, modal, nodes, thin_film
-from optics.cells import read_cell
-from optics.checksum import append_checksum
-from optics.fdtd_grid import FdtdSettings
-from optics.fdtd_parts import Rows, read_rows, write_rows
-from optics.files import InputError, load_yaml, read_json, write_json, write_lines
-from optics.parquet import read_parquet, write_parquet
-from optics.table import PressureTable
-from optics.thin_film import make_table
-from optics.wording import place
+from beamrider.io.checksum import append_checksum
+from beamrider.io.files import InputError, load_yaml, read_json, write_json, write_lines
+from beamrider.io.parquet import read_parquet, write_parquet
+from beamrider.io.wording import place
+from dynamics.membrane import flight as membrane
+from dynamics.membrane.output.journal import Journal
+from dynamics.rigid import basin
+from dynamics.rigid import stage as rigid
+from dynamics.sail import mesh
+from dynamics.scene import schema as scenes
+from dynamics.stability import floquet, maps, screening
+from optics.cells.schema import read_cell
+from optics.fdtd import stage as fdtd
+from optics.fdtd.grid import FdtdSettings
+from optics.fdtd.parts import Rows, read_rows, write_rows
+from optics.modal import fdtd_directions as nodes
+from optics.modal import normal_incidence as local
+from optics.modal import stage as modal
+from optics.table.pressure_table import PressureTable
+from optics.thin_film import stage as thin_film
+from optics.thin_film.stage import make_table
 from tests import mutations
 from tests.damage import edited
 from tests.families import many_cells, many_members

@@ -19,9 +19,11 @@ import h5py
 import numpy as np
 import pytest
 
-from dynamics import flight, journal, membrane
-from dynamics.scene import Scene
-from optics import machine
+from beamrider.io import resources as machine
+from dynamics.membrane import flight as membrane
+from dynamics.membrane.output import flight_file as flight
+from dynamics.membrane.output import journal
+from dynamics.scene.schema import Scene
 from tests import processes
 from tests.membranes import altered, small, write_inputs
 from tests.processes import error, full_at

@@ -11,11 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from dynamics import basin, membrane, rigid, screening
-from dynamics.scene import read_scene
-from optics import lock, thin_film
-from optics.errors import InputError
-from optics.files import run_stage
+from beamrider.io import lock
+from beamrider.io.errors import InputError
+from beamrider.io.files import run_stage
+from dynamics.membrane import flight as membrane
+from dynamics.rigid import basin
+from dynamics.rigid import stage as rigid
+from dynamics.scene.schema import read_scene
+from dynamics.stability import screening
+from optics.thin_film import stage as thin_film
 from tests.hard.test_survival import SCENE, numbers, uninterrupted
 from tests.membranes import altered, write_inputs
 from tests.processes import Child, error, fork, run, without_locks

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 import yaml
 
-from dynamics import membrane, rigid
-from dynamics.basin import Grid
-from dynamics.membrane import fly
-from dynamics.model import spin_up_time
-from dynamics.neglected import neglected, rayleigh_range
-from dynamics.scene import Scene
-from optics.files import InputError
+from beamrider.io.files import InputError
+from dynamics.membrane import flight as membrane
+from dynamics.membrane.build import spin_up_time
+from dynamics.membrane.flight import fly
+from dynamics.rigid import stage as rigid
+from dynamics.rigid.basin import Grid
+from dynamics.sail.neglected import neglected, rayleigh_range
+from dynamics.scene.schema import Scene
 from tests.membranes import FIG6, altered, film, small
 from tests.synthetic import smooth_tables
 

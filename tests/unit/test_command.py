@@ -2,8 +2,8 @@
 
 import pytest
 
-from optics.command import check_range
-from optics.files import InputError, check_out
+from beamrider.io.files import InputError, check_out
+from optics.table.command_line import check_range
 
 
 def test_outputs_that_cannot_be_written(tmp_path):

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from optics import compiled
-from optics.table import PressureTable
+from beamrider.machine_code import cache as compiled
+from optics.table.pressure_table import PressureTable
 
 CALLED = "import numba\n\n\n@numba.njit(cache=True)\ndef twice(x):\n    return {} * x\n"
 CALLER = "import numba\nfrom optics.called import twice\n\n@numba.njit(cache=True)\ndef run(x):\n    return twice(x)\n"
@@ -26,7 +26,7 @@ def copy(tmp_path: Path) -> Path:
     root = tmp_path / "project"
     for name in ("optics", "dynamics"):
         (root / name).mkdir(parents=True)
-    for name in ("optics/__init__.py", "optics/compiled.py"):
+    for name in ("optics/__init__.py", "beamrider/machine_code/cache.py"):
         (root / name).write_bytes((compiled.ROOT / name).read_bytes())
     (root / "dynamics/__init__.py").write_text("")
     (root / "dynamics/caller.py").write_text(CALLER)

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from optics.cells import Metagrating
-from optics.checksum import append_checksum
-from optics.fdtd import main, read_nodes, set_aside, solve_adaptively
-from optics.fdtd_adaptive import adapt
-from optics.fdtd_direction import (
+from beamrider.io.checksum import append_checksum
+from beamrider.io.files import InputError, validate
+from optics.cells.schema import Metagrating
+from optics.fdtd.adaptive import adapt
+from optics.fdtd.direction import (
     DirectionResult,
     cautious_estimate,
     check_cell,
@@ -20,19 +20,19 @@ from optics.fdtd_direction import (
     extrapolate,
     solve_direction,
 )
-from optics.fdtd_efficiencies import Efficiencies, check_polarisation, stress
-from optics.fdtd_grid import FdtdSettings, layout, periods, pixels, rungs
-from optics.fdtd_material import Averages, material, on_grid, spline, spline_integral
-from optics.fdtd_medium import dissipated
-from optics.fdtd_orders import Orders, grazing
-from optics.fdtd_parts import Rows, block, merge, read_rows, write_rows
-from optics.fdtd_poles import passive, permittivity, responses
-from optics.fdtd_progress import Progress, check_memory, expected_directions, spread
-from optics.fdtd_run import Decay, Run, import_meep, pulse_width, reflection, remaining
-from optics.files import InputError, validate
-from optics.incidence import electric_vector, wave_vector
-from optics.promise import read_promise
-from optics.sampling import even_nodes, fill
+from optics.fdtd.efficiencies import Efficiencies, check_polarisation, stress
+from optics.fdtd.grid import FdtdSettings, layout, periods, pixels, rungs
+from optics.fdtd.material import Averages, material, on_grid, spline, spline_integral
+from optics.fdtd.medium import dissipated
+from optics.fdtd.orders import Orders, grazing
+from optics.fdtd.parts import Rows, block, merge, read_rows, write_rows
+from optics.fdtd.poles import passive, permittivity, responses
+from optics.fdtd.progress import Progress, check_memory, expected_directions, spread
+from optics.fdtd.run import Decay, Run, import_meep, pulse_width, reflection, remaining
+from optics.fdtd.stage import main, read_nodes, set_aside, solve_adaptively
+from optics.refinement.directions import even_nodes, fill
+from optics.table.promise import read_promise
+from optics.waves.incidence import electric_vector, wave_vector
 
 SETTINGS = FdtdSettings()
 
@@ -88,7 +88,7 @@ def test_a_run_without_a_number_ends_the_table_with_its_direction(te, monkeypatc
         orders = Orders(np.array([u]), np.array([1.0 + 0j]), np.array([1.0 + 0j]))
         return Efficiencies(orders, np.array([value]), np.zeros(1), 0.0, 0.0, np.zeros(2), Decay(0.0, False))
 
-    monkeypatch.setattr("optics.fdtd_direction.efficiencies", run)
+    monkeypatch.setattr("optics.fdtd.direction.efficiencies", run)
     with pytest.raises(InputError, match=r"mark1e_te at u = 0\.1, v = 0: FDTD with 22 pixels .*not numbers"):
         solve_direction(te, 0.1, 0.0, SETTINGS)
 

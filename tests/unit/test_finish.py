@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from dynamics.command import finish
-from optics.files import Stopwatch, amount
-from optics.parquet import write_parquet
+from beamrider.io.files import Stopwatch, amount
+from beamrider.io.parquet import write_parquet
+from dynamics.scene.command_line import finish
 from tests.families import many_cells, many_members
 from tests.membranes import small, write_inputs
 

@@ -15,9 +15,10 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
-from dynamics import membrane, mesh
-from dynamics.materials import MATERIALS
-from optics.files import InputError, run_stage
+from beamrider.io.files import InputError, run_stage
+from dynamics.membrane import flight as membrane
+from dynamics.sail import mesh
+from dynamics.scene.materials import MATERIALS
 from tests.membranes import dark, small, write_inputs
 from tests.synthetic import smooth_tables
 

@@ -11,11 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics import forecast, membrane, pace, rigid, screening
-from dynamics.mesh import sail_mesh
-from dynamics.scene import Scene
-from optics import machine
-from optics.files import InputError, Stopwatch
+from beamrider.io import resources as machine
+from beamrider.io.files import InputError, Stopwatch
+from dynamics.membrane import flight as membrane
+from dynamics.membrane import pace
+from dynamics.rigid import stage as rigid
+from dynamics.sail import forecast
+from dynamics.sail.mesh import sail_mesh
+from dynamics.scene.schema import Scene
+from dynamics.stability import screening
 from tests.families import many_cells, many_members
 from tests.membranes import FIG6, altered, film, small
 from tests.synthetic import smooth_tables
@@ -59,7 +63,7 @@ def test_nodes_and_triangles_are_those_of_the_mesh(outline, profile):
     (50, {"integrator": "corotating", "optics_every": 1, "heat_every": 1}),
 ])
 def test_memory_is_what_a_process_takes_at_most(rings, flight):
-    """Within the margin with which `optics.machine` refuses."""
+    """Within the margin with which `beamrider.io.resources` refuses."""
     command = [sys.executable, "-c", PEAK, str(rings), repr(flight)]
     said = forecast.flexible_memory(altered(FIG6, sail={"rings": rings}, flight=flight))
     assert said == pytest.approx(peak(command), rel=machine.MARGIN)

@@ -6,9 +6,9 @@ import sys
 import h5py
 import pytest
 
-from dynamics import membrane
-from optics.hdf5 import read_hdf5
-from optics.table import PressureTable
+from beamrider.io.hdf5 import read_hdf5
+from dynamics.membrane import flight as membrane
+from optics.table.pressure_table import PressureTable
 from tests.membranes import small, write_inputs
 from tests.processes import run, without_locks
 from tests.synthetic import smooth_tables

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from optics.sources import sources
+from beamrider.provenance.sources import sources
 
 ROOT = Path(__file__).parents[2]
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from optics.checksum import append_checksum
-from optics.files import InputError
-from optics.patches import slope_matrix
-from optics.table import OutsideTable, PressureTable
+from beamrider.io.checksum import append_checksum
+from beamrider.io.files import InputError
+from optics.table.hermite import slope_matrix
+from optics.table.pressure_table import OutsideTable, PressureTable
 from tests.damage import edited
 
 
@@ -81,7 +81,7 @@ def test_outside_is_an_error_that_names_the_direction_and_the_limits():
 
 
 def test_nearest_returns_node_values():
-    from optics.table import lookup
+    from optics.table.pressure_table import lookup
 
     table = _table()
     arrays = table.arrays(nearest=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from optics.files import run_stage
+from beamrider.io.files import run_stage
 from tests.synthetic import smooth_tables
 
 ROOT = Path(__file__).parents[2]

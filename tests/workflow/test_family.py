@@ -13,9 +13,9 @@ import pandas as pd
 import pytest
 import yaml
 
-from dynamics.scene import read_scene
-from optics.cells import read_cell, read_metagrating
-from optics.files import InputError, load_yaml, read_lines
+from beamrider.io.files import InputError, load_yaml, read_lines
+from dynamics.scene.schema import read_scene
+from optics.cells.schema import read_cell, read_metagrating
 from workflow.configuration import read_config, read_plan
 from workflow.family import base_parameters, expand, number_cells, read_family
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from dynamics import membrane
-from dynamics.model import build
-from dynamics.scene import Scene, read_scene
-from optics.files import InputError
+from beamrider.io.files import InputError
+from dynamics.membrane import flight as membrane
+from dynamics.membrane.build import build
+from dynamics.scene.schema import Scene, read_scene
 from tests.membranes import altered
 from tests.synthetic import smooth_tables
 from workflow.published import as_flown, read_published

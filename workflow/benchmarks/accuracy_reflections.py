@@ -21,12 +21,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynamics.kernels import crew, record, reflections, stencil, step
-from dynamics.membrane import Flight
-from dynamics.sail import load_tables
-from dynamics.scene import Scene, read_scene
-from optics.files import atomic, progress, run_stage
-from optics.table import PressureTable
+from beamrider.io.files import atomic, progress, run_stage
+from dynamics.membrane.effects import reflections
+from dynamics.membrane.flight import Flight
+from dynamics.membrane.layout import rows as stencil
+from dynamics.membrane.layout import threads as crew
+from dynamics.membrane.output import record
+from dynamics.membrane.stepping import step
+from dynamics.sail.sectors import load_tables
+from dynamics.scene.schema import Scene, read_scene
+from optics.table.pressure_table import PressureTable
 
 RINGS, RAYS = 14, 2
 MESHES, FINEST = (10, 14, 20, 28, 40, 56), 80

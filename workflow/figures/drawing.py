@@ -16,9 +16,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from optics.files import Stopwatch, atomic, finish, reading
-from optics.hdf5 import read_hdf5
-from optics.made import NAME, as_attribute
+from beamrider.io.files import Stopwatch, atomic, finish, reading
+from beamrider.io.hdf5 import read_hdf5
+from beamrider.provenance.record import NAME, as_attribute
 
 Floats = NDArray[np.float64]
 WATCH = Stopwatch()

@@ -1,0 +1,1 @@
+"""The pressure table: file, memory layout, look-up, narrow resonances, and what it promises."""
