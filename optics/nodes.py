@@ -1,7 +1,7 @@
-"""The command `python -m optics.nodes`: see `optics.modal.fdtd_directions`."""
+"""The command `python -m optics.nodes`: see `optics.fdtd.nodes`."""
 
 from beamrider.io.files import run_stage
-from optics.modal.fdtd_directions import main
+from optics.fdtd.nodes import main
 
 if __name__ == "__main__":
     run_stage(main)

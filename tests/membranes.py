@@ -11,9 +11,9 @@ import yaml
 from dynamics.membrane.flight import Flight
 from dynamics.membrane.lattice import side_moduli
 from dynamics.membrane.layout import rows as stencil
-from dynamics.membrane.layout.threads import sweep_all
 from dynamics.membrane.output.record import WIDTH
 from dynamics.membrane.stepping.step import run
+from dynamics.membrane.stepping.threads import sweep_all
 from dynamics.scene.schema import Scene, read_scene
 from tests.synthetic import smooth_tables
 

@@ -99,7 +99,7 @@ def _unpacked(files: Any) -> float:
 
 def flight_mb(files: Any) -> float:
     """MB of a flexible flight, by its mesh and its tables."""
-    from dynamics.sail.forecast import flexible_memory
+    from dynamics.membrane.forecast import flexible_memory
 
     return _asked(flexible_memory(read_scene(files["scene"])) + _unpacked(files["tables"]))
 

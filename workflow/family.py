@@ -16,11 +16,11 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, model_validator
 from scipy.special import ndtri
 from scipy.stats import qmc
 
+from beamrider.arrays import Floats
 from beamrider.io.files import (
     InputError,
     Name,
@@ -39,7 +39,6 @@ from dynamics.scene.command_line import finish
 from dynamics.scene.schema import Scene, read_scene
 from optics.cells.schema import Metagrating, read_metagrating
 
-Floats = NDArray[np.float64]
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
 MOST = 2_000_000
 

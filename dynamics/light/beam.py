@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from dynamics.light import intensity as kernel
 from dynamics.scene import schema as scenes
-
-Floats = NDArray[np.float64]
 
 
 def intensity(beam: scenes.Beam, x: Any, y: Any, t: Any = None) -> Floats:

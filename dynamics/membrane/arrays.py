@@ -7,18 +7,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from dynamics.membrane.effects.damping import DampingWork
 from dynamics.membrane.effects.light_pressure import Light, LightWork
 from dynamics.membrane.effects.properties import Curves
 from dynamics.membrane.effects.reflections import Mirror, MirrorWork
 from dynamics.membrane.effects.sheet import Sheet, SheetWork
 from dynamics.membrane.effects.spin import SpinUp
-from dynamics.membrane.effects.springs import Floats, Springs
+from dynamics.membrane.effects.springs import Springs
 from dynamics.membrane.effects.tearing import Broken
 from dynamics.membrane.effects.thermal import Heat, HeatWork
 from dynamics.membrane.layout.rows import Stencil, StencilWork
 from dynamics.membrane.layout.triangles import Triangles
-from dynamics.membrane.stepping.integrators import Stage
+from dynamics.membrane.state import Stage
 
 
 class Model(NamedTuple):

@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beamrider.arrays import Floats, Integers
 from beamrider.io.files import InputError
 from dynamics.membrane import arrays as flown
 from dynamics.membrane.effects import light_pressure as optical
 from dynamics.membrane.effects import polarisation, reflections, sheet, spin, thermal, tree
 from dynamics.membrane.effects import springs as elastic
-from dynamics.membrane.effects.property_curves import build_curves
 from dynamics.membrane.lattice import (
     STABILITY,
-    Floats,
     Lattice,
     cotangents,
     highest_frequency,
@@ -28,17 +27,18 @@ from dynamics.membrane.lattice import (
     stiffness_matrix,
 )
 from dynamics.membrane.layout import triangles
-from dynamics.membrane.layout.numbering import layout, with_springs
+from dynamics.membrane.plan import Effect, plan
+from dynamics.membrane.property_curves import build_curves
+from dynamics.membrane.row_layout import layout, with_springs
 from dynamics.membrane.stepping import corotating_setup as corotating
 from dynamics.membrane.stepping import integrators
 from dynamics.membrane.stepping.corotating import Carrier
 from dynamics.membrane.stepping.time_step import check_heat, damped_share, highest_absorptances
 from dynamics.sail.caught_light import check_light
 from dynamics.sail.masses import designed
-from dynamics.sail.mesh import Integers, Mesh, sail_mesh
+from dynamics.sail.mesh import Mesh, sail_mesh
 from dynamics.sail.mesh_checks import check_mesh
 from dynamics.sail.regions import directions
-from dynamics.scene.effects_plan import Effect, plan
 from dynamics.scene.schema import Scene
 from optics.table.pressure_table import PressureTable, TableArrays
 

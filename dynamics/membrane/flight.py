@@ -1,18 +1,8 @@
-"""Flexible flight: the sail as masses and springs, lit, heated and spinning, from spin-up to the end of the scene.
-
-    python -m dynamics.membrane --scene workflow/scenes/s3.yaml --tables te.h5 tm.h5 --out flight.vtkhdf
-
-A flight that was killed goes on from its last checkpoint, in the folder flight.vtkhdf.partial, when the same command is
-given again, and ends with the same bits.
-"""
+"""A flexible flight in progress: the sail as masses and springs, lit, heated and spinning, step by step."""
 
 from __future__ import annotations
 
 import hashlib
-import json
-import math
-import os
-import sys
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -22,44 +12,35 @@ from typing import Any
 
 import numpy as np
 
-from beamrider.io.files import InputError, Stopwatch, progress, write_json
+from beamrider.arrays import Floats
+from beamrider.io.files import Stopwatch, progress
 from beamrider.machine_code.cache import digest
-from beamrider.machine_code.notice import compiling
 from dynamics.membrane.arrays import Work
 from dynamics.membrane.build import Membrane, build
-from dynamics.membrane.effects import failure, properties, sheet, tearing
-from dynamics.membrane.effects.springs import REFERENCE_TEMPERATURE
-from dynamics.membrane.lattice import Floats, per_triangle
-from dynamics.membrane.layout.numbering import free_sides, kept
-from dynamics.membrane.layout.threads import assist, dismiss
-from dynamics.membrane.layout.triangles import Patch
+from dynamics.membrane.effects import failure
+from dynamics.membrane.forecast import require_mesh, require_series, say_flexible
 from dynamics.membrane.output import record
-from dynamics.membrane.output.flight_file import Frame, series, write_flight
+from dynamics.membrane.output.flight_file import Frame, series
 from dynamics.membrane.output.journal import Journal, leaves, numbers_digest, without
-from dynamics.membrane.pace import foresee, paces
+from dynamics.membrane.release import release
+from dynamics.membrane.row_layout import kept
+from dynamics.membrane.state import State
 from dynamics.membrane.stepping import corotating_flight as carried
-from dynamics.membrane.stepping.corotating_setup import carrier_work, chord_speed
-from dynamics.membrane.stepping.integrators import State
+from dynamics.membrane.stepping.corotating_setup import carrier_work
 from dynamics.membrane.stepping.step import run
-from dynamics.membrane.work_space import PATCH, initial_state, work_space
-from dynamics.sail.attitude import rotation_from_angles
-from dynamics.sail.forecast import require_mesh, require_series, say_flexible
-from dynamics.sail.mesh import sail_mesh
-from dynamics.sail.mesh_checks import check_shadow
-from dynamics.sail.neglected import neglected, said
-from dynamics.sail.sectors import check_place, check_release, load_tables, provenance, require_own_polarisation
-from dynamics.sail.table_error import TableErrors, membrane_errors
-from dynamics.scene.command_line import finish, stage_arguments
-from dynamics.scene.effects_plan import plan
-from dynamics.scene.schema import Scene, read_scene
+from dynamics.membrane.stepping.threads import assist, dismiss
+from dynamics.membrane.strains import strains
+from dynamics.membrane.work_space import initial_state, work_space
+from dynamics.sail.sectors import check_place
+from dynamics.scene.schema import Scene
 from optics.table.pressure_table import PressureTable
 
 #: Steps a kernel call: long against a call's cost, short against a checkpoint's interval.
 CHUNK = 512
+#: Most steps that are timed at once, and seconds after which it is enough.
+MOST, ENOUGH = 512, 0.1
 #: Part of the fingerprint of a checkpoint, as are the compiled sources: raise it when this module gives other numbers.
 SCHEMA = 4
-#: Elastic strain of pressure below which rounding may be all there is.
-LEAST_STRAIN = 1e-9
 REASONS = {
     failure.INTACT: "finished", failure.TENSILE: "tensile_failure", failure.THERMAL: "thermal_failure",
     failure.LEFT_TABLE: "left_table", failure.FLY_AWAY: "fly_away", failure.NON_FINITE: "non_finite",
@@ -296,103 +277,21 @@ class Flight:
         return series(np.asarray(self.journal.rows), cold)
 
 
-def strains(membrane: Membrane, points: Floats, temperature: Floats) -> tuple[Floats, Floats | None]:
-    """Strain (t,) of the triangles at points (n, 3) in m and temperature (n,) in K, and 1 (t,) where they are slack.
-
-    The larger principal strain where triangles carry the load, which are slack where ε₂ + ν ε₁ < 0, that is where the
-    smaller principal stress is a pressure; of springs the largest ℓ/L_T − 1 of the three sides, and None.
-    """
-    mesh, model = membrane.mesh, membrane.model
-    a, b = mesh.edges.T
-    if membrane.elastic_triangles:
-        corners, free, t = model.triangles.corners, free_sides(model.stencil, model.sheet), len(mesh.triangles)
-        whole = sheet.SheetWork(model.sheet.modulus, model.sheet.shear, model.sheet.limit)
-        patch, found = Patch(np.empty((6, PATCH)), np.empty((10, PATCH)), np.empty((PATCH, 4))), np.empty((2, t))
-        sheet.grow(model.sheet, model.stencil, corners, temperature, free)
-        properties.grow(model.curves.expansion, model.sheet, model.stencil, corners, temperature, free)
-        sheet.principal(
-            model.sheet, whole, model.stencil, free, corners, np.ascontiguousarray(points.T), patch, found
-        )
-        poisson = per_triangle(membrane.scene.sail, mesh, "poisson")
-        return found[0], (found[1] + poisson * found[0] < -LEAST_STRAIN).astype(float)
-    free = mesh.lengths
-    if model.springs.expansion.size:
-        mean = 0.5 * (temperature[a] + temperature[b])
-        free = free * (1.0 + membrane.lattice.expansion * (mean - REFERENCE_TEMPERATURE))
-    edges = np.linalg.norm(points[b] - points[a], axis=1) / free - 1.0
-    return np.asarray(edges[mesh.triangle_edges].max(axis=1)), None
+def paces(flight: Flight) -> tuple[float, float]:
+    """Wall time in s of a step of the spin-up and of one in the light, with everything compiled."""
+    after = _pace(flight, max(flight.step, flight.model.release))
+    return _pace(flight, 0) if flight.step < flight.model.release else after, after
 
 
-def release(membrane: Membrane, state: State) -> None:
-    """Bring the spinning sail to its place at t = 0, as a rigid body and at once.
-
-    In this order: turn positions and velocities about z until the reference node is back at its azimuth (yaw 0); tilt
-    both by A_x(roll) A_y(pitch) about the origin, the spin axis with them; shift by the offset. In the co-rotating
-    scheme nodes go on along chords.
-    """
-    given = membrane.scene.release
-    node, masses = membrane.mesh.reference_node, membrane.lattice.masses
-    centre = state.x @ masses / masses.sum()
-    arm, rest = state.x[:, node] - centre, membrane.model.rest[:, node]
-    yaw = math.atan2(rest[1], rest[0]) - math.atan2(arm[1], arm[0])
-    tilt = rotation_from_angles(np.radians(given.roll_deg), np.radians(given.pitch_deg), yaw)
-    state.x[...] = tilt @ state.x + np.array([*given.offset_m, 0.0])[:, None]
-    state.v[...] = tilt @ state.v
-    if membrane.carrier is not None:
-        state.v[...] *= chord_speed(membrane.scene, membrane.model.dt)
-
-
-def check_tilt(scene: Scene) -> None:
-    """InputError where the released sail would shade itself, as deep ones do when they are tilted."""
-    given = scene.release
-    if scene.sail.profile != "flat" and scene.beam.intensity_W_m2 > 0:
-        tilt = rotation_from_angles(np.radians(given.roll_deg), np.radians(given.pitch_deg), 0.0)
-        check_shadow(sail_mesh(scene.sail), tilt, f"{scene.name}.yaml: release.pitch_deg, roll_deg")
-
-
-def first_failure(flight: Flight) -> dict[str, Any]:
-    """When, where and how the first triangle failed of a flight that goes on after it; nothing if none did."""
-    broken = flight.work.broken
-    if broken.tally[tearing.BY_STRESS] + broken.tally[tearing.BY_HEAT] == 0:
-        return {}
-    kind = "tensile_failure" if broken.tally[tearing.KIND] == tearing.BY_STRESS else "thermal_failure"
-    place = {"first_failure_time": float(broken.first[0]), "first_failure_position": broken.first[1:].copy()}
-    return {"first_failure": kind, "first_failure_triangle": int(broken.tally[tearing.FIRST]), **place}
-
-
-def errors_met(flight: Flight, tables: dict[str, PressureTable]) -> TableErrors:
-    """What the tables' stated errors come to on the way of a flight, in its snapshots from the release on."""
-    n, mesh = flight.model.masses.size, flight.membrane.mesh
-    points = [numbers[1 : 1 + 3 * n].reshape(n, 3) for numbers in flight.journal.frames if numbers[0] >= 0.0]
-    return membrane_errors(flight.membrane.scene, tables, mesh, points)
-
-
-def lit_from_behind(flight: Flight) -> float | None:
-    """Time in s of the first snapshot in which a part of the lit sail turns away from the light, None if none does."""
-    n, triangles = flight.model.masses.size, flight.membrane.mesh.triangles
-    for numbers in flight.journal.frames:
-        x, failed = numbers[1 : 3 * n + 1].reshape(n, 3), numbers[7 * n + 1 :]
-        a, b, c = (x[triangles[:, i], :2] for i in range(3))
-        facing = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-        there = failed == 0.0 if flight.work.broken.gone.size else np.ones(facing.size, bool)
-        if numbers[0] >= 0.0 and np.any(facing[there] <= 0.0):
-            return float(numbers[0])
-    return None
-
-
-def attributes(flight: Flight, end: End, tables: dict[str, PressureTable]) -> dict[str, Any]:
-    """What /series says about the whole flight."""
-    model, scene, columns = flight.model, flight.membrane.scene, flight.columns()
-    time, position, velocity = (columns[name][0] for name in ("time", "position", "velocity"))
-    return {
-        "neglected": neglected(scene, tables, time, position, velocity, lit_from_behind(flight)),
-        "end_reason": end.reason, "end_time": end.time, "end_position": end.position, "end_detail": end.detail,
-        "steps": end.step, "time_step": model.dt, "mass_kg": float(model.masses.sum()),
-        "scene": scene.model_dump_json(), "tables": json.dumps(provenance(tables)),
-        "effects": json.dumps({name: effect.on for name, effect in flight.membrane.effects.items()}),
-        "wall_seconds": flight.wall_seconds, "outside_table": int(flight.work.light.outside[0]),
-        **first_failure(flight),
-    }
+def _pace(flight: Flight, start: int) -> float:
+    """Wall time in s of a step from one on, renewals of light and heat shared out."""
+    flight.rehearse(start, 1)
+    count = min(MOST, max(8, flight.model.optics_every, flight.model.heat.every))
+    while True:
+        spent = flight.rehearse(start, count)
+        if count == MOST or spent * count > ENOUGH:
+            return spent
+        count = min(MOST, 4 * count)
 
 
 def fly(scene: Scene, tables: dict[str, PressureTable]) -> tuple[Flight, End, dict[str, Floats]]:
@@ -404,39 +303,3 @@ def fly(scene: Scene, tables: dict[str, PressureTable]) -> tuple[Flight, End, di
         return flight, end, {name: np.array(values) for name, (values, _) in flight.columns().items()}
 
 
-def main() -> None:
-    """Fly the flexible sail of a scene and write its flight."""
-    more = {
-        "--plan": "JSON file for the plan of effects",
-        "--threads": {"type": int, "default": 1, "help": "threads that fly the sail, at most one a core (%(default)s)"},
-    }
-    given = stage_arguments("dynamics.membrane", main.__doc__, "VTKHDF file to write", options=more)
-    out = Path(given.out)
-    if not 1 <= given.threads <= len(os.sched_getaffinity(0)):
-        raise InputError(f"--threads = {given.threads}: must be from 1 to {len(os.sched_getaffinity(0))}, the cores")
-    scene = read_scene(given.scene)
-    if scene.reflections.polarisation != "tracked":
-        require_own_polarisation(scene, "a flexible flight without reflections.polarisation: tracked")
-    tables = load_tables(given.tables, scene)
-    check_release(scene, tables)
-    check_place(scene, np.array(scene.release.offset_m))
-    if given.plan:
-        write_json(given.plan, {name: effect.model_dump() for name, effect in plan(scene).items()})
-    check_tilt(scene)
-    with compiling("2 min"):
-        foresee(scene, lambda coarse, folder: Flight(coarse, tables, folder, given.threads), out)
-        flight = Flight(scene, tables, out.with_name(out.name + ".partial"), given.threads)
-        if flight.resume():
-            print(f"{scene.name}: going on from step {flight.step}", file=sys.stderr)
-        end = flight.fly()
-    # Within the folder first: a process killed now leaves nothing beside the output
-    made = out.with_name(out.name + ".partial") / out.name
-    size = flight.journal.frames.nbytes + flight.journal.rows.nbytes
-    met = errors_met(flight, tables)
-    told = attributes(flight, end, tables) | met.attributes()
-    write_flight(made, flight.membrane.mesh, flight.frames(), flight.columns(), told, size)
-    made.replace(out)
-    flight.journal.remove()
-    where = "" if end.reason == "finished" else f" ({end.detail}, near {np.array2string(end.position, precision=4)} m)"
-    ended = f"{end.reason} at {end.time:.6g} s{where}, {end.step} steps"
-    finish(out, given.watch, ended, [met.text, said(told["neglected"])])

@@ -12,7 +12,8 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.linalg import eigsh
 
-from dynamics.sail.mesh import Floats, Integers, Mesh
+from beamrider.arrays import Floats, Integers
+from dynamics.sail.mesh import Mesh
 from dynamics.scene.sail_schema import Sail
 from dynamics.scene.schema import Flight
 

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from beamrider.arrays import Floats
 from dynamics.membrane.arrays import Model, Work
 from dynamics.membrane.build import Membrane
 from dynamics.membrane.effects import damping, reflections, sheet, tearing, thermal
 from dynamics.membrane.effects import light_pressure as optical
-from dynamics.membrane.layout.numbering import scratch_space, stencil_work
+from dynamics.membrane.row_layout import scratch_space, stencil_work
 from dynamics.membrane.stepping import integrators
 from dynamics.membrane.stepping.step import lay_out
-from dynamics.sail.mesh import Floats
 
 #: Shares of the conductance of a sail that is never torn.
 NONE = np.empty((0, 3))

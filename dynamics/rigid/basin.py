@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError, Number, Positive, Strict, progress, read_model, reading, versions
 from beamrider.io.hdf5 import new_hdf5, read_hdf5, real
 from beamrider.machine_code.notice import compiling
@@ -34,8 +35,6 @@ from dynamics.sail.sectors import load_tables, provenance
 from dynamics.scene import schema as scenes
 from dynamics.scene.command_line import finish, stage_arguments
 from optics.table.pressure_table import PressureTable
-
-Floats = NDArray[np.float64]
 
 Tilt = Annotated[float, Field(gt=-90, lt=90)]
 Range = Annotated[list[Number], Field(min_length=2, max_length=2)]

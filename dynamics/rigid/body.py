@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError
 from dynamics.light.intensity import LIGHT_SPEED
 from dynamics.rigid import equations as kernel
@@ -20,8 +20,6 @@ from dynamics.sail.masses import designed
 from dynamics.sail.sectors import SailShape, sail_shape
 from dynamics.scene import schema as scenes
 from optics.table.pressure_table import PressureTable, TableArrays
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

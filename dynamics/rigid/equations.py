@@ -14,11 +14,10 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from dynamics.light.intensity import ramp
 from optics.table.lookup import lookup_many
 from optics.table.pressure_table import TableArrays, lookup
-
-Floats = NDArray[np.float64]
 
 INSIDE, OUTSIDE_TABLE, LIT_FROM_BEHIND = 0, 1, 2
 MOTION = 13  # position 3, velocity 3, quaternion 4, angular velocity 3

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
+from beamrider.arrays import Floats
 from dynamics.rigid.equations import INSIDE, LIT_FROM_BEHIND, MOTION, STATE, Light, RigidSail, derivative
 from optics.table.pressure_table import TableArrays
 
-Floats = NDArray[np.float64]
 Tables = tuple[TableArrays, ...]
 
 STAGES = 12

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from beamrider.io.files import Stopwatch, progress, versions
 from beamrider.io.hdf5 import new_hdf5
 from beamrider.machine_code.notice import compiling
@@ -33,8 +33,6 @@ from dynamics.sail.table_error import TableErrors, rigid_errors
 from dynamics.scene import schema as scenes
 from dynamics.scene.command_line import finish, stage_arguments
 from optics.table.pressure_table import PressureTable
-
-Floats = NDArray[np.float64]
 
 REASONS = (
     "", "finished", "fly_away", "left_table", "turned_over", "non_finite", "step_too_small", "too_many_steps",

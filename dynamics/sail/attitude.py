@@ -11,9 +11,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from beamrider.arrays import Floats
 
 
 def rotation_from_angles(roll: Any, pitch: Any, yaw: Any) -> Floats:

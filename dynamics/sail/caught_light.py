@@ -10,8 +10,9 @@ import math
 
 import numpy as np
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError
-from dynamics.sail.mesh import Floats, Mesh, sail_mesh
+from dynamics.sail.mesh import Mesh, sail_mesh
 from dynamics.scene.sail_schema import MOST_RINGS
 from dynamics.scene.schema import Scene
 

@@ -13,14 +13,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from beamrider.arrays import Floats, Integers
 from dynamics.sail.regions import directions, region_of
 from dynamics.sail.shapes import reference_node, shape_nodes, shape_triangles
-from dynamics.scene.command_line import finish, stage_arguments
 from dynamics.scene.sail_schema import Sail
-from dynamics.scene.schema import read_scene
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -110,16 +106,3 @@ def sail_mesh(sail: Sail) -> Mesh:
     triangles, region = triangles[order], region[order]
     across = directions(nodes[triangles].mean(axis=1), region, sail)
     return Mesh(nodes, triangles, region, *across_angle(nodes, triangles, across), reference_node(sail))
-
-
-def main() -> None:
-    """Write the mesh of a scene's sail for ParaView."""
-    arguments = stage_arguments("dynamics.mesh", main.__doc__, "VTKHDF file to write", tables=False)
-    from dynamics.membrane.output.flight_file import write_mesh
-
-    sail = read_scene(arguments.scene).sail
-    mesh = sail_mesh(sail)
-    # Of designs, which only tables know, that which the scene or the library names
-    thickness = np.array([r.properties.thickness_m or np.nan for r in sail.regions])[mesh.sector]
-    write_mesh(arguments.out, mesh, {"sector": mesh.sector, "thickness": thickness})
-    finish(arguments.out, arguments.watch, f"{len(mesh.nodes)} nodes, {len(mesh.triangles)} triangles")

@@ -6,8 +6,9 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from beamrider.arrays import Floats, Integers
 from beamrider.io.files import InputError
-from dynamics.sail.mesh import Floats, Integers, Mesh
+from dynamics.sail.mesh import Mesh
 
 #: Least height of a triangle in units of its longest side: below, steps get short and errors large.
 SLENDER = 0.02

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from dynamics.light.intensity import LIGHT_SPEED
-from dynamics.sail.mesh import Floats
 from dynamics.sail.sectors import wavelength
 from dynamics.scene.schema import Scene
 from optics.table.pressure_table import PressureTable

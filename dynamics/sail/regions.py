@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Floats, Integers
 from dynamics.scene.sail_schema import Grid, Sail, Sector
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 def polar_sector(points: Floats, sectors: list[Sector]) -> Integers:

@@ -18,14 +18,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError
 from dynamics.sail.attitude import rotation_from_angles
 from dynamics.scene import schema as scenes
 from optics.table.pressure_table import OutsideTable, PressureTable
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,12 @@ import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from beamrider.arrays import Floats, Integers
 
 if TYPE_CHECKING:
     from dynamics.scene.sail_schema import Sail
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Sides of an outline, and hops on a side of ring n in multiples of n.
 SIDES = {"round": (6, 1), "hexagonal": (6, 1), "square": (4, 2)}

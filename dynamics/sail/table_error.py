@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from dynamics.sail.masses import designed
 from dynamics.sail.mesh import Mesh
 from dynamics.sail.regions import directions
 from dynamics.sail.sectors import SectorShape, sail_shape
 from dynamics.scene.schema import Scene
 from optics.table.pressure_table import PressureTable
-
-Floats = NDArray[np.float64]
 
 _MOST_ROWS, _MOST_FRAMES = 2000, 200  # of a flight that are looked at
 _RADII, _ANGLES = 6, 12  # places in a sector

@@ -11,8 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from beamrider.io.files import InputError, Name, NonNegative, Pair, Positive, Strict, read_model, write_json
-from dynamics.scene.command_line import finish, stage_arguments
+from beamrider.io.files import InputError, Name, NonNegative, Pair, Positive, Strict, read_model
 from dynamics.scene.sail_schema import Fraction, Region, Sail
 
 #: Longest time in s that a scene may speak of, 30 years, and most turns a second; most steps and intervals of steps.
@@ -203,14 +202,3 @@ def read_scene(path: str | Path) -> Scene:
     if scene.name != Path(path).stem:
         raise InputError(f"{path}: name = '{scene.name}': must be the file's own name, '{Path(path).stem}'")
     return scene
-
-
-def main() -> None:
-    """Write which effects a scene calls for, each with its reason."""
-    from dynamics.scene.effects_plan import plan
-
-    arguments = stage_arguments("dynamics.scene", main.__doc__, "JSON file to write", tables=False)
-    effects = plan(read_scene(arguments.scene))
-    write_json(arguments.out, {name: effect.model_dump() for name, effect in effects.items()})
-    on = sum(effect.on for effect in effects.values())
-    finish(arguments.out, arguments.watch, f"{on} of {len(effects)} effects on")

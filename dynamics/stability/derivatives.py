@@ -10,15 +10,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erf
 
+from beamrider.arrays import Floats
 from dynamics.rigid.body import RigidBody
 from dynamics.scene import schema as scenes
 from optics.table.normal_incidence import NormalResponse, constant_response, table_response
 from optics.table.pressure_table import PressureTable
-
-Floats = NDArray[np.float64]
 
 ROWS = ("F_x", "F_y", "tau_x", "tau_y")
 COLUMNS = ("x", "y", "roll", "pitch")

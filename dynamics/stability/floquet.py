@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from beamrider.arrays import Complexes, Floats
 from beamrider.io.files import InputError, versions, write_json
 from beamrider.machine_code.notice import compiling
 from dynamics.rigid.body import rigid_body
@@ -29,9 +29,6 @@ from dynamics.stability.derivatives import COLUMNS, ROWS, error_modes, imbalance
 from dynamics.stability.linear import RESOLUTION, LinearModel, growth, margin
 from optics.table.normal_incidence import table_response
 from optics.table.pressure_table import PressureTable
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating]
 
 SAMPLES = 128
 SLOWEST = 1000.0  # units of time in a turn: a sail moves through hundreds of oscillations, or grows beyond all numbers

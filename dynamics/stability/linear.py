@@ -19,12 +19,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import DOP853
 from scipy.linalg import expm
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating]
+from beamrider.arrays import Complexes, Floats
 
 QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # a quarter turn about +z: e_z × ·
 RESOLUTION = 1e-4  # growth a turn that counts as none: e-fold in 10⁴ turns, beyond any flight here

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError, versions
 from beamrider.io.hdf5 import new_hdf5
 from beamrider.machine_code.notice import compiling
@@ -27,8 +27,6 @@ from dynamics.sail.table_error import TableErrors, rigid_errors
 from dynamics.scene import schema as scenes
 from dynamics.scene.command_line import finish, stage_arguments
 from optics.table.pressure_table import PressureTable
-
-Floats = NDArray[np.float64]
 
 SHIFT = np.linspace(-0.4, 0.4, 81)
 TILT = np.radians(np.linspace(-10.0, 10.0, 81))

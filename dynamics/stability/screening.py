@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError, Stopwatch, progress, take_out
 from beamrider.io.parquet import read_parquet, rows_of, write_parquet
 from beamrider.provenance.record import as_attribute
@@ -27,8 +28,6 @@ from dynamics.scene import schema as scenes
 from dynamics.scene.command_line import finish
 from dynamics.stability.derivatives import Moments, derivatives, moments
 from dynamics.stability.linear import RESOLUTION, LinearModel, growth, margin
-
-Floats = NDArray[np.float64]
 
 CHUNK = 2048
 TRIAL = 64  # members whose time is taken

@@ -12,9 +12,9 @@ from math import pi
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from beamrider.arrays import Floats
+
 Cell = dict[str, Any]
 Slab = tuple[float, float]
 # Starts and widths are decimals: a covered length may miss the period by this share.

@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import TypeGuard
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError
 from optics.cells.schema import Index, LamellarLayer, LamellarStack, Metagrating, Profile, Ridge, ThinFilm, read_cell
 
-Floats = NDArray[np.float64]
 Grating = Metagrating | LamellarStack | Profile
 Piece = tuple[Floats, Index]
 

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from beamrider.arrays import Floats
 from optics.refinement.directions import even_nodes, fill
-from optics.waves.incidence import Floats
 
 # Values (n, k) of directions (n, 2) of u, v.
 Response = Callable[[Floats], Floats]

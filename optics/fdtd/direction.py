@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError, Stopwatch
 from optics.cells.outline import Grating
 from optics.fdtd.efficiencies import Efficiencies, efficiencies
@@ -14,7 +15,7 @@ from optics.fdtd.grid import FdtdSettings, narrowest, periods, rungs
 from optics.fdtd.material import second_order, weakly_absorbing
 from optics.fdtd.orders import grazing, least_in_window
 from optics.fdtd.run import Decay
-from optics.waves.incidence import Floats, wave_vector
+from optics.waves.incidence import wave_vector
 from optics.waves.momentum import pressure
 
 # No direction is better than this, whatever two resolutions say: what absorbers and the rest of the pulse leave.

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beamrider.arrays import Complexes, Floats
 from beamrider.io.files import InputError
 from optics.cells.outline import Grating
 from optics.fdtd.grid import FdtdSettings, Layout, half_spaces, layout
 from optics.fdtd.material import lossless, weakly_absorbing
 from optics.fdtd.orders import Orders
 from optics.fdtd.run import Decay, Run
-from optics.waves.incidence import Complexes, Floats, electric_vector, wave_vector
+from optics.waves.incidence import electric_vector, wave_vector
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 from pydantic import Field, model_validator
 
+from beamrider.arrays import Floats
 from beamrider.io.files import Positive, Strict
 from optics.cells.outline import Grating, depth_nm, polygons
-from optics.waves.incidence import Floats
 
 _FEWEST = 8  # pixels a period
 _BYTES = 1500  # a pixel of Meep's needs, with poles and complex fields of all components, and what Python holds of it

@@ -22,10 +22,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from beamrider.arrays import Complexes, Floats
 from optics.cells.outline import Grating, depth_nm, polygons, staircase
 from optics.cells.schema import LamellarStack, Metagrating
 from optics.fdtd.grid import Layout, half_spaces
-from optics.waves.incidence import Complexes, Floats
 
 _SLICES_PER_PIXEL, _FEWEST_SLICES = 8, 16
 _WEAK_ABSORPTION, _STRONG_ABSORPTION = 1e-3, 0.2

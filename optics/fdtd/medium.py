@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from beamrider.arrays import Complexes, Floats
 from optics.cells.outline import Grating, depth_nm, polygons
 from optics.fdtd.grid import Layout, half_spaces
 from optics.fdtd.material import Averages, Material, tensor
 from optics.fdtd.poles import passive, permittivity
-from optics.waves.incidence import Complexes, Floats
 
 
 def rows_of_material(cell: Grating, grid: Layout) -> tuple[int, int]:

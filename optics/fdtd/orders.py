@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from beamrider.arrays import Complexes, Floats
 from optics.cells.outline import Grating
 from optics.fdtd.grid import half_spaces
-from optics.waves.incidence import Complexes, Floats, order_cosines
+from optics.waves.incidence import order_cosines
 
 
 class Orders(NamedTuple):

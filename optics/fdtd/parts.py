@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator, BarycentricInterpolator
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError, Strict, reading, versions
 from beamrider.io.hdf5 import new_hdf5, read_hdf5, real
 from optics.cells.outline import Grating
@@ -19,7 +20,7 @@ from optics.fdtd.medium import fit_error
 from optics.refinement.directions import fill
 from optics.table.pressure_table import PressureTable
 from optics.table.promise import promised
-from optics.waves.incidence import Floats, cutoffs
+from optics.waves.incidence import cutoffs
 
 _COLUMNS = (
     "u", "v", "q_g", "q_r", "q_n", "absorptance", "error", "energy_imbalance", "stress", "residual", "capped",

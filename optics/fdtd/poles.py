@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optics.waves.incidence import Complexes, Floats
+from beamrider.arrays import Complexes, Floats
 
 
 class Medium(NamedTuple):

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError
 from optics.cells.outline import Grating, upright
 from optics.fdtd.adaptive import adapt
 from optics.fdtd.grid import FEWEST_RUNS, FdtdSettings, finest, memory, work
 from optics.modal.lamellar import solve
-from optics.waves.incidence import Floats
 
 _OUT_OF_PLANE = 2.0
 _GOLDEN = (5**0.5 - 1) / 2

@@ -30,13 +30,14 @@ from typing import Any
 
 import numpy as np
 
+from beamrider.arrays import Complexes, Floats
 from beamrider.io.files import InputError
 from optics.cells.outline import Grating
 from optics.fdtd.grid import FdtdSettings, Layout
 from optics.fdtd.material import material, nearly_transparent, weakly_absorbing
 from optics.fdtd.medium import Media, dissipated, first_column, geometry, rows_of_material, sampled
 from optics.fdtd.orders import Orders, grazing, leaving_orders, steepness
-from optics.waves.incidence import Complexes, Floats, electric_vector, wave_vector
+from optics.waves.incidence import electric_vector, wave_vector
 
 HOW_TO_GET_MEEP = (
     "Meep is not installed: apt-get install python3-meep (Debian) or conda install -c conda-forge pymeep; "

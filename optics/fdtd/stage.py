@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from beamrider.arrays import Floats
 from beamrider.io.checksum import fault
 from beamrider.io.files import InputError, read_json, validate
 from optics.cells.outline import Grating, read_grating
@@ -33,7 +34,6 @@ from optics.fdtd.progress import Progress, check_memory, expected_directions, sp
 from optics.fdtd.run import import_meep
 from optics.table.command_line import add_table_arguments, check_range, checked
 from optics.table.promise import finish
-from optics.waves.incidence import Floats
 
 
 def solve_rows(

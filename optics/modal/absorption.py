@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from beamrider.arrays import Complexes, Floats
 from optics.cells.schema import LamellarStack, Metagrating, as_stack
 from optics.modal.lamellar import (
     Lamella,
@@ -27,7 +28,6 @@ from optics.modal.lamellar import (
 from optics.modal.slanted import Steps, generator, step_up, steps, unmixed
 from optics.modal.steps import ModalCell, Slanted
 from optics.modal.stretch import Basis, basis
-from optics.waves.incidence import Complexes, Floats
 
 # The (2, 2) Padé approximant of a step is Gauss's method of two stages: these make its energy balance exact.
 _GAUSS = np.array([[1 / 4, 1 / 4 - np.sqrt(3) / 6], [1 / 4 + np.sqrt(3) / 6, 1 / 4]])
@@ -93,13 +93,13 @@ def _one(cell: Metagrating | LamellarStack, u: float, v: float, order: int) -> F
         _matrix(blocks((1 - y) / (1 + y), u_m, vs)[0])
         for y in (half_space(u_m, vs, e)[1] for e in (complex(stack.front_index) ** 2, stack.back))
     )
-    rho = back
+    rho: Complexes = back
     tops: list[Complexes] = []
     bounces: list[Complexes] = []
     for plus, minus, x, *_ in reversed(waves):
         bounce = np.linalg.solve(plus - rho @ minus, (rho @ plus - minus) * x)
         top = plus + minus @ (x[:, None] * bounce)
-        rho = np.linalg.solve(top.T, (minus + plus @ (x[:, None] * bounce)).T).T
+        rho = np.asarray(np.linalg.solve(top.T, (minus + plus @ (x[:, None] * bounce)).T).T, np.complex128)
         tops.append(top)
         bounces.append(bounce)
     e_in, h_in = (part[0] for part in incident_light(np.array([u]), vs, order, stack.front_index))

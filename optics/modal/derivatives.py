@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import eigh
 
+from beamrider.arrays import Complexes, Floats
 from beamrider.io.files import InputError
 from optics.cells.schema import LamellarStack, Metagrating, as_stack, require_coherent
 from optics.modal import dual
 from optics.modal.dual import Dual
 from optics.modal.lamellar import Lamella, lamellae, prepare, square_root
 from optics.modal.stretch import THINNEST, Piece, Stretch, exact, fourier_coefficients, toeplitz_matrix, weight
-from optics.waves.incidence import AXES, Complexes, Floats
+from optics.waves.incidence import AXES
 
 # A YAML field of a stack: layers[0].thickness_nm, layers[0].ridges[1].start_nm, layers[0].ridges[1].width_nm
 _FIELD = re.compile(r"layers\[(\d+)\]\.(?:(thickness_nm)|ridges\[(\d+)\]\.(start_nm|width_nm))$")

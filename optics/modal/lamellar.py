@@ -30,21 +30,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from beamrider.arrays import Complexes, Floats
 from optics.cells.schema import LamellarStack, as_stack
 from optics.modal import thick_amplitudes as thick
 from optics.modal.scattering import NEGLIGIBLE, LayerModes, joints, scatter
 from optics.modal.slanted import climb_steps, steps
 from optics.modal.steps import ModalCell, Slanted
 from optics.modal.stretch import Basis, Mesh, Stretch, basis, fourier_coefficients, mesh, stretch, toeplitz_matrix
-from optics.waves.incidence import (
-    Complexes,
-    Floats,
-    electric_vector,
-    order_cosines,
-    polarisation_basis,
-    stokes,
-    wave_vector,
-)
+from optics.waves.incidence import electric_vector, order_cosines, polarisation_basis, stokes, wave_vector
 from optics.waves.momentum import pressure
 
 # A mode exactly at its cut-off (k_z = 0) is moved off it by this much: q moves by as little, and no matrix is singular.

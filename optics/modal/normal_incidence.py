@@ -20,6 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError, progress, read_lines, reading, take_out, validate
 from beamrider.io.parquet import write_parquet
 from beamrider.provenance.record import as_attribute
@@ -30,7 +31,6 @@ from optics.modal.lamellar import solve
 from optics.modal.limit import without_limit
 from optics.modal.steps import ModalCell, Slanted
 from optics.table.normal_incidence import NormalResponse
-from optics.waves.incidence import Floats
 
 _STEP = 1e-4  # in u, of differences
 CUTOFF = 1e-9  # of a period of a whole number of wavelengths

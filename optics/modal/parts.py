@@ -18,13 +18,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Complexes, Floats, Integers
 from optics.modal import lamellar
 from optics.modal.stretch import Basis
-from optics.waves.incidence import Complexes, Floats, wave_vector
-
-Indices = NDArray[np.int64]
+from optics.waves.incidence import wave_vector
 
 # Orders that decay to less than this across a thick layer are not followed in it.
 _LEFT = 1e-9
@@ -39,7 +37,7 @@ class Orders:
     first: int
     count: int
 
-    def among(self, order: int) -> Indices:
+    def among(self, order: int) -> Integers:
         """Where they are among the orders −order … order: their x components, then their y components, (2 count)."""
         one = self.first + order + np.arange(self.count)
         return np.concatenate([one, one + 2 * order + 1])
@@ -100,7 +98,7 @@ def part(stack: lamellar.Stack, first: int, last: int, u_max: float) -> Parted:
     )
 
 
-def _phases(bases: list[Basis], counts: Indices, order: int) -> Complexes:
+def _phases(bases: list[Basis], counts: Integers, order: int) -> Complexes:
     """Phases (n_d, 2N + 1) of the plane waves of stretched bases, which eigenvectors leave open.
 
     Where x = ξ, at the first wall, the plane wave of order m is exp(2πi m x).

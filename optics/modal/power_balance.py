@@ -12,11 +12,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from optics.waves.incidence import Complexes, Floats
-
-Indices = NDArray[np.int64]
+from beamrider.arrays import Complexes, Floats, Integers
 
 
 class Medium(NamedTuple):
@@ -42,12 +39,12 @@ def medium(u_m: Floats, v: Floats, k_z: Complexes, y: Complexes, depth: float) -
     return Medium(turn, np.moveaxis(scale, 0, -1), np.where(runs, np.exp(-2.0 * k_z.imag * depth), 0.0))
 
 
-def running(of: Medium) -> Indices:
+def running(of: Medium) -> Integers:
     """The orders that run at one of the directions at least."""
     return np.flatnonzero(of.scale.any(axis=(0, 2)))
 
 
-def unit_waves(of: Medium, orders: Indices) -> Complexes:
+def unit_waves(of: Medium, orders: Integers) -> Complexes:
     """ẑ × E (n_d, 2n, 2k) of waves of unit power of some orders k, s and p; 0 for those that don't run."""
     n_d, n = of.decay.shape
     out = np.zeros((n_d, 2, n, orders.size, 2), complex)
@@ -57,7 +54,7 @@ def unit_waves(of: Medium, orders: Indices) -> Complexes:
     return out.reshape(n_d, 2 * n, -1)
 
 
-def amplitudes(of: Medium, orders: Indices, waves: Complexes) -> Complexes:
+def amplitudes(of: Medium, orders: Integers, waves: Complexes) -> Complexes:
     """Amplitudes (n_d, k, 2, columns) of unit-power s and p waves of orders k, from ẑ × E (n_d, 2n, columns)."""
     n_d, n = of.decay.shape
     parts = waves.reshape(n_d, 2, n, -1)[:, :, orders]

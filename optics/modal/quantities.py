@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from beamrider.arrays import Floats
 from optics.modal.lamellar import Response
-from optics.waves.incidence import Floats, worst_polarisation
+from optics.waves.incidence import worst_polarisation
 
 OWN = 4  # quantities of the cell's own polarisation, which directions are chosen for
 

@@ -20,7 +20,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.waves.incidence import Complexes, Floats
+from beamrider.arrays import Complexes, Floats
 
 # Modes that decay by more than this across their layer do not see the far side.
 NEGLIGIBLE = 1e-9

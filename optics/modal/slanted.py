@@ -31,9 +31,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from beamrider.arrays import Complexes, Floats
 from optics.modal.steps import Slanted, Walls
 from optics.modal.stretch import fourier_coefficients, toeplitz_matrix
-from optics.waves.incidence import Complexes, Floats
 
 _NEAR = 0.5 + 1 / np.sqrt(3.0)
 

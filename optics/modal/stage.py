@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from beamrider.arrays import Floats
 from beamrider.io.files import Stopwatch, versions
 from beamrider.machine_code.notice import compiling
 from optics.cells.outline import Grating, polygons, read_grating
@@ -33,7 +34,6 @@ from optics.table.command_line import check_range, table_arguments
 from optics.table.normal_incidence import ATTRIBUTE
 from optics.table.pressure_table import PARITY, STOKES_PARITY, Cutoffs, PressureTable
 from optics.table.promise import finish, promised
-from optics.waves.incidence import Floats
 from optics.waves.incidence import cutoffs as rayleigh_cutoffs
 
 # Modes that reach the far side of their layer with less than this share of the tolerance are left out there.

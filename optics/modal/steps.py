@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optics.cells.outline import SLICES, Floats, Grating, Piece, corners, is_slanted, layer_at, pieces_of, upright
+from beamrider.arrays import Floats
+from optics.cells.outline import SLICES, Grating, Piece, corners, is_slanted, layer_at, pieces_of, upright
 from optics.cells.schema import LamellarLayer, LamellarStack, Metagrating, Profile, Surroundings
 
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh, toeplitz
 
-from optics.waves.incidence import Complexes, Floats
+from beamrider.arrays import Complexes, Floats
 
 # A piece of a layer: start and width in periods, value.
 Piece = tuple[float, float, complex]

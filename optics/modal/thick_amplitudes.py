@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from beamrider.arrays import Complexes, Floats, Integers
 from optics.modal import lamellar
 from optics.modal.power_balance import (
-    Indices,
     Medium,
     Part,
     amplitudes,
@@ -22,7 +22,6 @@ from optics.modal.power_balance import (
     unit_waves,
 )
 from optics.modal.stretch import Basis
-from optics.waves.incidence import Complexes, Floats
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ class _Side(NamedTuple):
 
     permittivity: complex
     waves: Medium
-    orders: Indices
+    orders: Integers
 
 
 def efficiencies(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError
 from optics.cells.outline import Grating, upright
 from optics.cells.schema import LamellarStack, Metagrating, Profile, as_stack
 from optics.modal.lamellar import solve
 from optics.modal.steps import Slanted, modal_cell
-from optics.waves.incidence import Floats
 
 # What a table holds at most (`optics.refinement`).
 MOST_ROWS, MOST_LINES = 600, 160

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from beamrider.arrays import Floats
 from beamrider.io.files import Stopwatch
 from optics.cells.schema import as_stack
 from optics.modal import lamellar
@@ -31,7 +32,7 @@ from optics.table.resonances import Window
 from optics.table.strips import rayleigh_curves
 from optics.table.thick_membranes import GAIN, OWN, STOKES, Layers, Thick, with_thick
 from optics.table.verification import cover, spread_evenly, stated
-from optics.waves.incidence import AXES, Floats
+from optics.waves.incidence import AXES
 
 # Modes that decay by so much across their layer don't see its far side.
 _NEGLIGIBLE = 1e-5

@@ -24,13 +24,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError, progress
 from optics.cells.outline import Grating, is_upright, polygons
 from optics.modal.lamellar import Response, solve
 from optics.modal.limit import refuse_without_limit
 from optics.modal.scattering import NEGLIGIBLE
 from optics.modal.steps import ModalCell, Slanted, modal_cell, source
-from optics.waves.incidence import Floats, worst_polarisation
+from optics.waves.incidence import worst_polarisation
 
 LADDER = (8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60, 75, 90, 110, 135, 165, 200, 245, 300, 365, 440)
 # Beyond this a ladder only goes where orders that run need it.

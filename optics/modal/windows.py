@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from beamrider.arrays import Floats
 from optics.cells.schema import as_stack
 from optics.modal.steps import ModalCell, Slanted
 from optics.refinement.regions import first_lines
 from optics.table.resonances import Window
 from optics.table.strips import Curves, breaks, rayleigh_curves
-from optics.waves.incidence import Floats
 
 BEYOND = 0.05  # resonances whose u is further outside of a table than this are not felt within
 _MOST_INDICES = 2

@@ -6,13 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BarycentricInterpolator, CubicHermiteSpline, CubicSpline
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError
 from optics.table.hermite import slope_matrix
 
-Floats = NDArray[np.float64]
 Response = Callable[[Floats], Floats]
 
 

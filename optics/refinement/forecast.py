@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError
-from optics.waves.incidence import Floats
 
 MOST_MINUTES = 30.0
 # Refinement, its tests and the coarser solutions for the error cost as much again as the first directions this often.

@@ -11,13 +11,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from beamrider.arrays import Complexes, Floats
 from beamrider.io.files import progress
 from optics.refinement.regions import Measures, Refined, refine, together
 from optics.refinement.samples import Samples, Solve
 from optics.table.pole_tracks import Followed, Resonances, difference, follow
-from optics.table.rational import Complexes
 from optics.table.resonances import Along, LinePoles, Window, find_poles
-from optics.table.strips import Floats
 from optics.table.verification import beside_poles, raise_beside
 
 # Shares of the tolerance: heights that are left alone, and errors of the sum over poles between its lines of v.

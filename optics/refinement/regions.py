@@ -13,11 +13,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from beamrider.arrays import Floats
 from beamrider.io.files import progress
 from optics.refinement.samples import Samples, solve_each
 from optics.table.lookup import TableArrays, lookup_many
 from optics.table.pole_tracks import Resonances, no_resonances
-from optics.table.strips import NEAR, Curves, Floats
+from optics.table.strips import NEAR, Curves
 from optics.table.verification import cover, errors_at, spread_evenly, stated
 
 # From errors of the k quantities (k, n, m) to one error (n, m).

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from beamrider.arrays import Floats
 from optics.table.hermite import Values, make_patches
 from optics.table.lookup import TableArrays, pack
-from optics.table.strips import Curves, Floats, lay_out
+from optics.table.strips import Curves, lay_out
 
 # k quantities (k, n_u, n_v) at directions u (n_u) × v (n_v).
 Solve = Callable[[Floats, Floats], Floats]

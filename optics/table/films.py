@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from optics.table.locate import Floats, Indices, TableArrays, clamp
+from beamrider.arrays import Floats, Integers
+from optics.table.locate import TableArrays, clamp
 from optics.waves import plane_stack as transfer
 
 Complexes = transfer.Complexes
@@ -34,7 +35,7 @@ class Film:
 
     index: Complexes
     depth: Floats
-    coherent: Indices
+    coherent: Integers
     share: float
 
     def as_rows(self) -> Floats:
@@ -65,7 +66,7 @@ def is_film(t: TableArrays) -> bool:
 
 
 @numba.njit(cache=True, error_model="numpy", forceinline=True)
-def _film(t: TableArrays) -> tuple[Complexes, Floats, Indices, float]:
+def _film(t: TableArrays) -> tuple[Complexes, Floats, Integers, float]:
     """The stack in a table: index, depth, coherent, share."""
     at, flags, m = t.places[NUMBERS], t.places[FLAGS], t.places[MEDIA]
     index, depth = t.numbers[at : at + 2 * m].view(np.complex128), t.numbers[at + 2 * m : at + 3 * m - 2]
@@ -74,7 +75,7 @@ def _film(t: TableArrays) -> tuple[Complexes, Floats, Indices, float]:
 
 @numba.njit(cache=True, error_model="numpy", forceinline=True)
 def _response(
-    kind: int, index: Complexes, depth: Floats, coherent: Indices, share: float, s: float
+    kind: int, index: Complexes, depth: Floats, coherent: Integers, share: float, s: float
 ) -> tuple[float, float, float, float]:
     """Four numbers of one direction, by kind."""
     if kind == PRESSURE:

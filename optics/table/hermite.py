@@ -12,7 +12,8 @@ from itertools import permutations
 
 import numpy as np
 
-from optics.table.strips import NEAR, Floats, Layout, Strip, local_weights, to_tau
+from beamrider.arrays import Floats
+from optics.table.strips import NEAR, Layout, Strip, local_weights, to_tau
 
 # Common nodes in τ per row, and the nodes of the polynomial that leads from the rows to them.
 _DENSITY = 1.5

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beamrider.arrays import Floats, Integers
 from optics.table.hermite import Patches, Values
-from optics.table.locate import HEADER, LINE, Floats, Indices, TableArrays
+from optics.table.locate import HEADER, LINE, TableArrays
 from optics.table.pole_tracks import Resonances
 from optics.table.strips import Layout
 
@@ -36,7 +37,7 @@ def _node_table(nodes: Floats) -> Floats:
     return np.stack([np.append(nodes[:-1], np.inf), width, 1.0 / width], axis=1)
 
 
-def _buckets(nodes: Floats, count: int, scale: float) -> Indices:
+def _buckets(nodes: Floats, count: int, scale: float) -> Integers:
     """The last node that lies in a bucket before, for each of the buckets int((x − nodes[0]) scale)."""
     bucket = np.minimum((nodes[:-1] - nodes[0]) * scale, count - 1.0).astype(np.int64)
     return np.maximum(np.searchsorted(bucket, np.arange(count)) - 1, 0)
@@ -56,7 +57,7 @@ class _Parts:
         return self.size - part.size
 
 
-def _lines_of_slabs(layout: Layout) -> Indices:
+def _lines_of_slabs(layout: Layout) -> Integers:
     """Lines from left to right in each slab (n_slabs, most); the one at infinity fills the rest."""
     rows = np.full((len(layout.slabs), 1 + max(len(slab) for slab in layout.slabs)), len(layout.lines))
     for row, slab in zip(rows, layout.slabs, strict=True):

@@ -10,12 +10,9 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Floats, Integers
 from optics.table.patch_sum import read
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # How many numbers belong to the table, a node, a line and a strip. A strip: where its nodes of τ begin and their
 # buckets, how many of these, where its coefficients would begin if it began at the first v node, numbers to the next τ.
@@ -33,7 +30,7 @@ class TableArrays(NamedTuple):
     """
 
     numbers: Floats
-    places: Indices
+    places: Integers
     axisymmetric: bool
     nearest: bool
 
@@ -42,7 +39,7 @@ class Parts(NamedTuple):
     """The numbers at the beginning of the arrays of `TableArrays` and where the parts begin, see `layout`."""
 
     n: Floats
-    h: Indices
+    h: Integers
     k: int
     many: int
     v: int

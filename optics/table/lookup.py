@@ -9,12 +9,11 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from beamrider.arrays import Floats, Integers
 from optics.table import films as film_table
 from optics.table import thick_membranes as thick_table
 from optics.table.layout import pack as pack
 from optics.table.locate import (
-    Floats,
-    Indices,
     Parts,
     TableArrays,
     bucket_of,
@@ -133,7 +132,7 @@ def _store(out: Floats, c: int, q: tuple[float, ...]) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _fold_many(p: Parts, v: Floats, begin: int, size: int, f: Floats, b: Indices) -> None:
+def _fold_many(p: Parts, v: Floats, begin: int, size: int, f: Floats, b: Integers) -> None:
     """First pass: what depends on v alone."""
     for i in range(size):
         f[_V + i] = fold(p, read(v, begin + i))
@@ -144,7 +143,7 @@ def _fold_many(p: Parts, v: Floats, begin: int, size: int, f: Floats, b: Indices
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _band_many(p: Parts, u: Floats, begin: int, size: int, f: Floats, b: Indices) -> None:
+def _band_many(p: Parts, u: Floats, begin: int, size: int, f: Floats, b: Integers) -> None:
     """Second pass: lines and strips."""
     for i in range(size):
         band = find_band(p, read(u, begin + i), f[_V + i], b[_BUCKET + i], f[_ROOT_0 + i], f[_ROOT_1 + i])
@@ -154,7 +153,7 @@ def _band_many(p: Parts, u: Floats, begin: int, size: int, f: Floats, b: Indices
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _tau_many(p: Parts, size: int, f: Floats, b: Indices) -> None:
+def _tau_many(p: Parts, size: int, f: Floats, b: Integers) -> None:
     """Third pass: τ and its bucket."""
     if p.curved:
         for i in range(size):
@@ -167,7 +166,7 @@ def _tau_many(p: Parts, size: int, f: Floats, b: Indices) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _column_many(p: Parts, size: int, f: Floats, b: Indices) -> None:
+def _column_many(p: Parts, size: int, f: Floats, b: Integers) -> None:
     """Fourth pass: the patch and the place in it."""
     for i in range(size):
         k, row, s, h = find_column(p, b[_STRIP + i], b[_BUCKET + i], f[_TAU + i])
@@ -177,7 +176,7 @@ def _column_many(p: Parts, size: int, f: Floats, b: Indices) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _turn_many(p: Parts, v: Floats, begin: int, size: int, f: Floats, b: Indices) -> None:
+def _turn_many(p: Parts, v: Floats, begin: int, size: int, f: Floats, b: Integers) -> None:
     """Fifth pass, for slopes: what turns those by s and r into those by u and v."""
     for i in range(size):
         f[_S_U + i], f[_S_V + i], f[_R_V + i] = turning(
@@ -187,7 +186,7 @@ def _turn_many(p: Parts, v: Floats, begin: int, size: int, f: Floats, b: Indices
 
 
 @numba.njit(cache=True, error_model="numpy", forceinline=True)
-def _fetch(p: Parts, i: int, size: int, b: Indices) -> None:
+def _fetch(p: Parts, i: int, size: int, b: Integers) -> None:
     """Have the coefficients brought that will be summed soon."""
     ahead = i + _AHEAD
     ahead = ahead if ahead < size else size - 1
@@ -200,7 +199,7 @@ def _fetch(p: Parts, i: int, size: int, b: Indices) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _sum_many(p: Parts, v: Floats, begin: int, size: int, f: Floats, b: Indices, out: Floats) -> None:
+def _sum_many(p: Parts, v: Floats, begin: int, size: int, f: Floats, b: Integers, out: Floats) -> None:
     """Last pass: the sums over patches."""
     for i in range(size):
         _fetch(p, i, size, b)
@@ -223,7 +222,7 @@ def _add_resonant(p: Parts, u: Floats, v: Floats, begin: int, size: int, f: Floa
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _slope_many(p: Parts, v: Floats, begin: int, size: int, f: Floats, b: Indices, out: Floats) -> None:
+def _slope_many(p: Parts, v: Floats, begin: int, size: int, f: Floats, b: Integers, out: Floats) -> None:
     """Last pass, with slopes."""
     for i in range(size):
         _fetch(p, i, size, b)
@@ -239,7 +238,7 @@ def _slope_many(p: Parts, v: Floats, begin: int, size: int, f: Floats, b: Indice
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _locate_many(p: Parts, u: Floats, v: Floats, begin: int, size: int, f: Floats, b: Indices) -> None:
+def _locate_many(p: Parts, u: Floats, v: Floats, begin: int, size: int, f: Floats, b: Integers) -> None:
     """The passes that find the patches of a block."""
     _fold_many(p, v, begin, size, f, b)
     _band_many(p, u, begin, size, f, b)

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError
 from optics.table.hermite import slope_matrix
 from optics.table.pressure_table import PressureTable
-
-Floats = NDArray[np.float64]
 
 # Direction cosine over which the errors of a table vary, as resonances shift: a table that errs by e has slopes that
 # err by e over this much.

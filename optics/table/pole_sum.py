@@ -9,12 +9,9 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Complexes, Floats
 from optics.table.patch_sum import read
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # Numbers of each cubic.
 _CUBIC = 4

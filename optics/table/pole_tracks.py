@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import linear_sum_assignment
 
+from beamrider.arrays import Complexes, Floats
 from beamrider.io.files import progress
 from optics.table.hermite import Values, v_slopes
 from optics.table.pole_sum import pack_poles, sum_poles
-from optics.table.rational import Complexes
 from optics.table.resonances import LinePoles, Window
-from optics.table.strips import Curves, Floats
+from optics.table.strips import Curves
 
 # From v to the poles there, near those that are expected.
 Find = Callable[[float, Complexes], LinePoles]

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError, reading, require_whole
 from beamrider.io.hdf5 import write_hdf5
 from beamrider.io.wording import brief
@@ -30,7 +31,7 @@ from optics.cells.cross_section import Section, cross_section
 from optics.table.films import FIELDS as FIELDS_OF_FILM
 from optics.table.films import KIND, LOSSES, PRESSURE, Film, from_rows, with_film
 from optics.table.hermite import Values, make_patches
-from optics.table.lookup import Floats, TableArrays, lookup_many, lookup_slopes_many, pack
+from optics.table.lookup import TableArrays, lookup_many, lookup_slopes_many, pack
 from optics.table.lookup import lookup as lookup
 from optics.table.pole_tracks import Resonances, without
 from optics.table.strips import Curves, lay_out, no_curves

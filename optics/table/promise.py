@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError
 from beamrider.io.lock import release
-from optics.table.lookup import Floats
 from optics.table.pressure_table import PressureTable
 from optics.table.verification import spread_evenly
 

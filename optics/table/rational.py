@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigvals
 
+from beamrider.arrays import Complexes, Floats
+
 # Support points taken without an improvement before the best function so far is taken: what is left is rounding.
 _PATIENCE = 8
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.table.rational import Complexes, Rational, fit
-from optics.table.strips import NEAR, Curves, Floats, to_tau
+from beamrider.arrays import Complexes, Floats
+from optics.table.rational import Rational, fit
+from optics.table.strips import NEAR, Curves, to_tau
 
 # Quantities (k, n) at directions u (n) on the line v.
 Along = Callable[[Floats, float], Floats]

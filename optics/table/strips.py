@@ -23,8 +23,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from beamrider.arrays import Floats, Integers
 
 # Closer than this in u or v, two curves meet.
 NEAR = 1e-9
@@ -38,7 +37,7 @@ class Curves:
     makes a straight line u = −shift: an edge of the window.
     """
 
-    order: Indices
+    order: Integers
     sign: Floats
     index: Floats
     shift: Floats
@@ -144,7 +143,7 @@ class Layout:
     v: Floats
     strips: list[Strip]
     slabs: list[list[int]]
-    slab_first: Indices
+    slab_first: Integers
 
     @cached_property
     def lane_count(self) -> int:
@@ -212,7 +211,7 @@ def to_tau(x: Floats) -> Floats:
     return np.asarray(left / (left + right))
 
 
-def local_weights(nodes: Floats, at: Floats, width: int = 5) -> tuple[Indices, Floats, Floats]:
+def local_weights(nodes: Floats, at: Floats, width: int = 5) -> tuple[Integers, Floats, Floats]:
     """Polynomial through the `width` nodes nearest to each of `at` (m): its nodes, value and slope weights (m, width).
 
     Lagrange's form and its derivative; fewer nodes where there are not as many.
@@ -231,6 +230,6 @@ def local_weights(nodes: Floats, at: Floats, width: int = 5) -> tuple[Indices, F
     return which, value, slope
 
 
-def _nearest(nodes: Floats, at: Floats) -> Indices:
+def _nearest(nodes: Floats, at: Floats) -> Integers:
     right = np.clip(np.searchsorted(nodes, at), 1, nodes.size - 1)
     return np.where(at - nodes[right - 1] < nodes[right] - at, right - 1, right)

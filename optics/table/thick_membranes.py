@@ -14,21 +14,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from beamrider.arrays import Floats, Integers
 from optics.table.films import KIND, NUMBERS
 from optics.table.hermite import Values, make_patches
 from optics.table.layout import pack
-from optics.table.locate import (
-    Floats,
-    Indices,
-    Parts,
-    TableArrays,
-    find_place,
-    fold,
-    is_inside,
-    is_turned,
-    roots,
-    unpack,
-)
+from optics.table.locate import Parts, TableArrays, find_place, fold, is_inside, is_turned, roots, unpack
 from optics.table.patch_sum import read, values
 from optics.table.pole_sum import pole_values
 from optics.table.pole_tracks import Resonances, without
@@ -55,7 +45,7 @@ class Layers:
     depth: Floats
     pitch: float
     front: float
-    flags: Indices
+    flags: Integers
 
     @property
     def numbers(self) -> Floats:
@@ -64,7 +54,7 @@ class Layers:
         return np.concatenate([[self.pitch, self.front], index, self.depth])
 
     @property
-    def whole(self) -> Indices:
+    def whole(self) -> Integers:
         """Flags as `optics.waves.thick_layers.setup` takes them."""
         return np.array([self.index.size, *self.flags], dtype=np.int64)
 
@@ -156,7 +146,7 @@ def read_thick(numbers: Callable[..., list[Floats]], curves: bool, poles: bool) 
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _join_many(numbers: Floats, flags: Indices, parts: Floats, u: Floats, v: Floats, out: Floats) -> None:
+def _join_many(numbers: Floats, flags: Integers, parts: Floats, u: Floats, v: Floats, out: Floats) -> None:
     """`Layers.join`."""
     s = setup(numbers, flags)
     for i in range(u.size):

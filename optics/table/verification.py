@@ -10,16 +10,14 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Floats, Integers
 from optics.table.lookup import TableArrays, lookup_many
 from optics.table.pole_tracks import Resonances
-from optics.table.strips import Floats
 
 # Quantities (k, n_u, n_v) at u × v, and from errors of the quantities (k, n) to errors (m, n).
 Solve = Callable[[Floats, Floats], Floats]
 Measures = Callable[[Floats], Floats]
-Indices = NDArray[np.int64]
 
 # Directions: places in u and at each of them in v; of a pole: lines of v and places on each, in half widths.
 _IN_U, _IN_V, _POLE_LINES = 96, 4, 16
@@ -48,7 +46,7 @@ def spread_evenly(u: Floats, v: Floats, rows: int = _IN_U, on_row: int = _IN_V) 
     return places, v[-1] * (np.arange(on_row) + rng.random((rows, on_row))) / on_row
 
 
-def _cell(nodes: Floats, at: Floats) -> Indices:
+def _cell(nodes: Floats, at: Floats) -> Integers:
     """The interval of the nodes that holds each place."""
     return np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, nodes.size - 2)
 

@@ -11,12 +11,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Complexes, Floats
 from optics.table.films import Film
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # Resonances narrower than this part of a fringe occupy no direction that will be met.
 _SHARPEST = 1e8

@@ -16,6 +16,7 @@ import numpy as np
 from numba import guvectorize
 from numpy.typing import ArrayLike, NDArray
 
+from beamrider.arrays import Complexes, Floats
 from beamrider.io.files import InputError, Stopwatch, versions
 from optics.cells.schema import ThinFilm, read_cell
 from optics.refinement.directions import refine
@@ -25,7 +26,6 @@ from optics.table.pressure_table import PressureTable
 from optics.table.promise import finish, promised
 from optics.thin_film.fringes import carries_waves, fringes
 from optics.waves import plane_stack as transfer
-from optics.waves.incidence import Complexes, Floats
 
 P_SHARE = {"s": 0.0, "p": 1.0, "mean": 0.5}
 # A film is sampled from this many nodes on: a resonance as wide as half their distance cannot fall between them.

@@ -14,8 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating]
+from beamrider.arrays import Complexes, Floats
 
 AXES = {"g": 0, "r": 1}
 

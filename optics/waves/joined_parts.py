@@ -14,24 +14,15 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from optics.waves.small_matrices import Matrix, eliminate, norm, product, unit
-from optics.waves.thick_layers import (
-    Floats,
-    Setup,
-    admittance,
-    back_at,
-    homogeneous,
-    matrix,
-    patterned,
-    turn,
-    wave_number,
-)
+from beamrider.arrays import Complexes, Floats
+from optics.waves.small_matrices import eliminate, norm, product, unit
+from optics.waves.thick_layers import Setup, admittance, back_at, homogeneous, matrix, patterned, turn, wave_number
 
 QUANTITIES = 16
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _closed(up: Matrix, rho: Matrix, blocks: bool) -> Matrix:
+def _closed(up: Complexes, rho: Complexes, blocks: bool) -> Complexes:
     """1 − F_back ρ, ρ of one block for each order or full."""
     if not blocks:
         return unit(up.shape[0]) - product(up, rho)
@@ -55,14 +46,14 @@ def _stokes(aa: float, bb: float, ab: complex) -> tuple[float, float, float, flo
 
 
 @numba.njit(cache=True, error_model="numpy", forceinline=True)
-def _squares(waves: Matrix, i: int) -> tuple[float, float, complex]:
+def _squares(waves: Complexes, i: int) -> tuple[float, float, complex]:
     """|a|², |b|² and a b* of row i (., 2)."""
     a, b = waves[i, 0], waves[i, 1]
     return a.real * a.real + a.imag * a.imag, b.real * b.real + b.imag * b.imag, a * b.conjugate()
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _take(out: Floats, waves: Matrix, i: int, weight: float, u_m: float, w: float, absorbed: float) -> None:
+def _take(out: Floats, waves: Complexes, i: int, weight: float, u_m: float, w: float, absorbed: float) -> None:
     """Add the force of a wave that leaves with u_m and w, and `absorbed` times its power to what is absorbed."""
     aa, bb, ab = _squares(waves, i)
     for k, power in enumerate(_stokes(weight * aa, weight * bb, weight * ab)):
@@ -72,7 +63,7 @@ def _take(out: Floats, waves: Matrix, i: int, weight: float, u_m: float, w: floa
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _turn_order(fields: Matrix, m: int, a: float, b: float, out: Matrix) -> None:
+def _turn_order(fields: Complexes, m: int, a: float, b: float, out: Complexes) -> None:
     """The s and p components (2, 2) of order m of fields (2 count, 2), whose k_t points along (a, b)."""
     c = fields.shape[0] // 2
     for i in range(2):
@@ -81,7 +72,9 @@ def _turn_order(fields: Matrix, m: int, a: float, b: float, out: Matrix) -> None
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _leaving(out: Floats, waves: Matrix, s: Setup, first: int, index: complex, u: float, v: float, sign: float) -> None:
+def _leaving(
+    out: Floats, waves: Complexes, s: Setup, first: int, index: complex, u: float, v: float, sign: float
+) -> None:
     """Add the force of outgoing f (2 count, 2) in a lossless half-space, sign −1 behind the cell."""
     c, turned = waves.shape[0] // 2, np.empty((2, 2), np.complex128)
     for m in range(c):
@@ -97,7 +90,7 @@ def _leaving(out: Floats, waves: Matrix, s: Setup, first: int, index: complex, u
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _sent(out: Floats, fields: Matrix, s: Setup, u: float, v: float) -> None:
+def _sent(out: Floats, fields: Complexes, s: Setup, u: float, v: float) -> None:
     """Add the force of ẑ × E (n, 2) in the half-space behind homogeneous layers; what leaves is not absorbed."""
     index, c, turned = s.media[s.media.size - 1], s.n // 2, np.empty((2, 2), np.complex128)
     for m in range(c if index.imag == 0.0 else 0):
@@ -112,7 +105,7 @@ def _sent(out: Floats, fields: Matrix, s: Setup, u: float, v: float) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _flow(out: Floats, down: Matrix, up: Matrix, sign: float) -> None:
+def _flow(out: Floats, down: Complexes, up: Complexes, sign: float) -> None:
     """Add the power (|f₊|² − |f₋|²)/4 that flows into what lies behind to what is absorbed, or take it away."""
     for i in range(down.shape[0]):
         _take(out, down, i, 0.25, 0.0, 0.0, sign)
@@ -120,7 +113,7 @@ def _flow(out: Floats, down: Matrix, up: Matrix, sign: float) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _lost(out: Floats, x: Floats, at: int, waves: Matrix) -> None:
+def _lost(out: Floats, x: Floats, at: int, waves: Complexes) -> None:
     """Add a Hermitian form, held from x[at] on, of waves (n, 2) to what is absorbed."""
     n = waves.shape[0]
     aa, bb, ab = 0.0, 0.0, 0j
@@ -140,7 +133,7 @@ def _lost(out: Floats, x: Floats, at: int, waves: Matrix) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _with_light(up: Matrix) -> Matrix:
+def _with_light(up: Complexes) -> Complexes:
     """Light of both polarisations, each of 1, above f₋: what falls on the front part."""
     out = np.zeros((2 + up.shape[0], 2), np.complex128)
     out[0, 0], out[1, 1] = 1.0, 1.0

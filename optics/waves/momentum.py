@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optics.waves.incidence import Complexes, Floats
+from beamrider.arrays import Complexes, Floats
 
 
 def pressure(

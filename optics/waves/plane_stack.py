@@ -9,13 +9,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
-Flags = NDArray[np.int64]
+from beamrider.arrays import Complexes, Floats, Integers
 
 # At one interface: fields f and g, flux sent on and loss so far, in one arbitrary scale. s: f = E across the plane of
 # incidence, g ∝ H; p: f = H across it, g ∝ E along the layer. Flux = Re(f g*); a wave along +n has g = y f. H rather
@@ -153,7 +149,7 @@ def _powers(light: Light, y: complex) -> Powers:
 
 
 @njit(cache=True, error_model="numpy")
-def _parting(index: Complexes, coherent: Flags, s: float, last: int) -> int:
+def _parting(index: Complexes, coherent: Integers, s: float, last: int) -> int:
     """The last medium before `last` in which powers, not fields, are followed: 0 is that in front.
 
     A wave that decays within some wavelengths makes no fringes, and the power of two such waves that run to and fro is
@@ -194,7 +190,7 @@ def _joined(front: Powers, back: Powers, behind: Powers, once: float) -> Powers:
 
 
 @njit(cache=True, error_model="numpy")
-def _averaged(index: Complexes, depth: Floats, coherent: Flags, s: float, p: bool) -> Powers:
+def _averaged(index: Complexes, depth: Floats, coherent: Integers, s: float, p: bool) -> Powers:
     """Powers of the whole stack for s or p light, fringes of layers that are not coherent averaged."""
     last = depth.size + 1
     first = _parting(index, coherent, s, last)
@@ -208,7 +204,7 @@ def _averaged(index: Complexes, depth: Floats, coherent: Flags, s: float, p: boo
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def response(
-    index: Complexes, depth: Floats, coherent: Flags, s: float, share: float
+    index: Complexes, depth: Floats, coherent: Integers, s: float, share: float
 ) -> tuple[float, float, float]:
     """R, T, A of a stack: media (m,), depths k₀d (m − 2,), 1 for coherent layers, else 0 (m − 2,); share of p."""
     if coherent.sum() == coherent.size:
@@ -232,7 +228,7 @@ def reflected(index: Complexes, depth: Floats, s: float) -> tuple[complex, compl
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def pressure(
-    index: Complexes, depth: Floats, coherent: Flags, s: float, share: float
+    index: Complexes, depth: Floats, coherent: Integers, s: float, share: float
 ) -> tuple[float, float, float]:
     """Q along k_t, q along n, and absorptance of light from the front.
 

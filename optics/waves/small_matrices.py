@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-Matrix = NDArray[np.complex128]
+from beamrider.arrays import Complexes
 
 
 @numba.njit(cache=True, error_model="numpy", forceinline=True)
@@ -15,14 +14,14 @@ def _size(z: complex) -> float:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _exchange(a: Matrix, i: int, j: int) -> None:
+def _exchange(a: Complexes, i: int, j: int) -> None:
     """Exchange two rows."""
     for k in range(a.shape[1]):
         a[i, k], a[j, k] = a[j, k], a[i, k]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _pivot(a: Matrix, k: int) -> int:
+def _pivot(a: Complexes, k: int) -> int:
     """The row from k on with the largest number in column k."""
     best = k
     for i in range(k + 1, a.shape[0]):
@@ -32,7 +31,7 @@ def _pivot(a: Matrix, k: int) -> int:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def eliminate(a: Matrix, b: Matrix) -> None:
+def eliminate(a: Complexes, b: Complexes) -> None:
     """Solve a x = b in place: b (n, columns) becomes x, a (n, n) is used up. Gauss, with partial pivoting."""
     n = a.shape[0]
     for k in range(n):
@@ -59,7 +58,7 @@ def eliminate(a: Matrix, b: Matrix) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def product(a: Matrix, b: Matrix) -> Matrix:
+def product(a: Complexes, b: Complexes) -> Complexes:
     """The product of two matrices."""
     out = np.zeros((a.shape[0], b.shape[1]), np.complex128)
     for i in range(a.shape[0]):
@@ -70,7 +69,7 @@ def product(a: Matrix, b: Matrix) -> Matrix:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def norm(a: Matrix) -> float:
+def norm(a: Complexes) -> float:
     """Root of the sum of all |a|²."""
     total = 0.0
     for i in range(a.shape[0]):
@@ -80,7 +79,7 @@ def norm(a: Matrix) -> float:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def unit(n: int) -> Matrix:
+def unit(n: int) -> Complexes:
     """The unit matrix."""
     out = np.zeros((n, n), np.complex128)
     for i in range(n):

@@ -12,12 +12,9 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from optics.waves.small_matrices import Matrix, eliminate, product, unit
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from beamrider.arrays import Complexes, Floats, Integers
+from optics.waves.small_matrices import eliminate, product, unit
 
 # As in `optics.modal.lamellar`: a wave at its cut-off is moved off it by this; one that decays so little counts as
 # running.
@@ -36,7 +33,7 @@ class Setup(NamedTuple):
 
     pitch: float
     front: float
-    media: Matrix
+    media: Complexes
     depth: Floats
     first: int
     n: int
@@ -51,7 +48,7 @@ class Setup(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def setup(numbers: Floats, flags: Indices) -> Setup:
+def setup(numbers: Floats, flags: Integers) -> Setup:
     """From numbers (pitch, front, index as Re and Im, depth) and flags: how many media, then as in `Setup`."""
     m = flags[0]
     return Setup(
@@ -117,7 +114,7 @@ def turn(u_m: float, v: float) -> tuple[float, float, float]:
 
 
 @numba.njit(cache=True, error_model="numpy", forceinline=True)
-def _put(out: Matrix, m: int, a: float, b: float, of_s: complex, of_p: complex) -> None:
+def _put(out: Complexes, m: int, a: float, b: float, of_s: complex, of_p: complex) -> None:
     """The block of one order, from what it is for s and p."""
     c = out.shape[0] // 2
     cross = a * b * (of_s - of_p)
@@ -129,7 +126,7 @@ def _put(out: Matrix, m: int, a: float, b: float, of_s: complex, of_p: complex) 
 
 
 @numba.njit(cache=True, error_model="numpy")
-def matrix(x: Floats, at: int, rows: int, columns: int, first: int, count: int) -> Matrix:
+def matrix(x: Floats, at: int, rows: int, columns: int, first: int, count: int) -> Complexes:
     """Columns first … first + count of a matrix held as Re and Im, row by row, from x[at] on."""
     out = np.empty((rows, count), np.complex128)
     for i in range(rows):
@@ -147,7 +144,7 @@ def back_at(s: Setup) -> int:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def homogeneous(s: Setup, u: float, v: float) -> tuple[Matrix, Matrix]:
+def homogeneous(s: Setup, u: float, v: float) -> tuple[Complexes, Complexes]:
     """ρ (n, n) of homogeneous layers and a half-space, and ẑ × E in that (n, n), for all orders followed."""
     c = s.n // 2
     rho, through = np.zeros((s.n, s.n), np.complex128), np.zeros((s.n, s.n), np.complex128)
@@ -161,7 +158,7 @@ def homogeneous(s: Setup, u: float, v: float) -> tuple[Matrix, Matrix]:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def patterned(s: Setup, x: Floats, u: float, v: float) -> tuple[Matrix, Matrix]:
+def patterned(s: Setup, x: Floats, u: float, v: float) -> tuple[Complexes, Complexes]:
     """ρ (n, n) of the layers with a patterned part behind them, and f₊ (n, n) that falls on that, per f₊."""
     r, t, back = unit(s.n), unit(s.n), unit(s.n)
     for m in range(s.n // 2):

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dynamics import mesh as mesh_command
 from dynamics.rigid import basin
 from dynamics.rigid import stage as rigid
-from dynamics.sail import mesh
 from dynamics.scene.schema import read_scene
 from optics.cells.schema import read_cell
 from optics.fdtd.grid import FdtdSettings
@@ -40,7 +40,7 @@ def meshed(folder: Path) -> list[str]:
 
 STAGES = {
     "table": (thin_film.main, film), "rigid flight": (rigid.main, flight), "basin": (basin.main, mapped),
-    "mesh": (mesh.main, meshed),
+    "mesh": (mesh_command.main, meshed),
 }
 
 

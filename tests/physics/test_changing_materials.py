@@ -15,8 +15,8 @@ from dynamics.membrane.effects import properties, thermal
 from dynamics.membrane.flight import Flight, fly
 from dynamics.membrane.lattice import STABILITY, highest_frequency, lattice, sheet_matrix
 from dynamics.membrane.layout import rows as stencil
+from dynamics.membrane.plan import plan
 from dynamics.sail.mesh import sail_mesh
-from dynamics.scene.effects_plan import plan
 from dynamics.scene.schema import Scene
 from tests.membranes import altered, dark, film, steps
 

@@ -11,7 +11,7 @@ from beamrider.io.files import InputError
 from dynamics.membrane.build import build
 from dynamics.membrane.flight import Flight, fly
 from dynamics.membrane.output.record import COLUMNS
-from dynamics.scene.effects_plan import plan
+from dynamics.membrane.plan import plan
 from dynamics.scene.schema import Scene
 from tests.membranes import FIG6, FILM, altered, film, small
 from tests.mirrors import lit

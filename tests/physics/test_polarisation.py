@@ -14,7 +14,7 @@ from dynamics.light.intensity import LIGHT_SPEED
 from dynamics.membrane.effects import polarisation, reflections
 from dynamics.membrane.flight import Flight
 from dynamics.membrane.output.record import COLUMNS
-from dynamics.scene.effects_plan import plan
+from dynamics.membrane.plan import plan
 from optics.cells.schema import ThinFilm
 from optics.table.pressure_table import PressureTable
 from optics.thin_film.stage import amplitudes, make_table, polarised, stack

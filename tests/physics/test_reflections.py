@@ -11,7 +11,7 @@ from dynamics.light.intensity import LIGHT_SPEED
 from dynamics.membrane.effects import reflections, tree
 from dynamics.membrane.flight import Flight, fly
 from dynamics.membrane.output.record import COLUMNS
-from dynamics.scene.effects_plan import plan
+from dynamics.membrane.plan import plan
 from optics.cells.schema import ThinFilm
 from optics.thin_film.stage import make_table, solve
 from tests.membranes import altered, dark, film, normals

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError
 from optics.cells.schema import Metagrating
 from optics.modal.lamellar import solve
@@ -18,7 +19,6 @@ from optics.table.pole_tracks import Resonances
 from optics.table.pressure_table import PressureTable
 from optics.table.rational import fit
 from optics.table.resonances import find_poles
-from optics.table.strips import Floats
 from optics.waves.incidence import cutoffs
 from tests.damage import edited
 

@@ -15,10 +15,11 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 from dynamics.membrane import lattice
 from dynamics.membrane.build import build
 from dynamics.membrane.effects import tearing, thermal
-from dynamics.membrane.flight import Flight, fly, strains
+from dynamics.membrane.flight import Flight, fly
 from dynamics.membrane.layout import rows as stencil
 from dynamics.membrane.output.record import WIDTH
 from dynamics.membrane.stepping.step import run
+from dynamics.membrane.strains import strains
 from dynamics.sail.mesh import Mesh, sail_mesh
 from dynamics.scene.materials import MATERIALS
 from dynamics.scene.schema import Scene

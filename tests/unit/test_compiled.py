@@ -24,9 +24,10 @@ def _environment(**given: str) -> dict[str, str]:
 def copy(tmp_path: Path) -> Path:
     """A small project with a compiled function that calls another, and the folder of its machine code not yet made."""
     root = tmp_path / "project"
-    for name in ("optics", "dynamics"):
+    for name in ("optics", "dynamics", "beamrider/machine_code"):
         (root / name).mkdir(parents=True)
-    for name in ("optics/__init__.py", "beamrider/machine_code/cache.py"):
+    for name in ("optics/__init__.py", "beamrider/__init__.py", "beamrider/machine_code/__init__.py",
+                 "beamrider/machine_code/cache.py"):
         (root / name).write_bytes((compiled.ROOT / name).read_bytes())
     (root / "dynamics/__init__.py").write_text("")
     (root / "dynamics/caller.py").write_text(CALLER)

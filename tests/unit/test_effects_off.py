@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dynamics.membrane.flight import Flight
-from dynamics.scene.effects_plan import EFFECTS
+from dynamics.membrane.plan import EFFECTS
 from dynamics.scene.schema import Scene
 from tests.membranes import film, small, steps
 

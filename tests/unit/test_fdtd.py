@@ -511,7 +511,7 @@ def test_without_meep_the_stage_says_how_to_get_it(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("part", ["0/4", "5/4", "x", "3"])
 def test_a_bad_part_is_refused(monkeypatch, tmp_path, part):
-    monkeypatch.setattr("optics.fdtd.import_meep", lambda: None)
+    monkeypatch.setattr("optics.fdtd.stage.import_meep", lambda: None)
     arguments = ["--cell", "workflow/designs/mark1e_te.yaml", "--out", str(tmp_path / "p.h5"), "--part", part]
     for nodes in ([], ["--nodes", "nodes.json"]):
         monkeypatch.setattr(sys, "argv", ["fdtd", *arguments, *nodes])
@@ -523,8 +523,8 @@ def test_a_bad_part_is_refused(monkeypatch, tmp_path, part):
 @pytest.mark.parametrize(("u", "message"), [([0.1, 0.33], "order grazes"), ([0.1, 1.2], "evanescent")])
 @pytest.mark.parametrize("part", [[], ["--part", "1/1"]])
 def test_directions_that_cannot_be_solved_are_refused_before_any_is(monkeypatch, tmp_path, te, u, message, part):
-    monkeypatch.setattr("optics.fdtd.import_meep", lambda: None)
-    monkeypatch.setattr("optics.fdtd.solve_direction", lambda *_: pytest.fail("solved"))
+    monkeypatch.setattr("optics.fdtd.stage.import_meep", lambda: None)
+    monkeypatch.setattr("optics.fdtd.stage.solve_direction", lambda *_: pytest.fail("solved"))
     nodes = tmp_path / "nodes.json"
     nodes.write_text(json.dumps({"name": te.name, "u": u, "v": [0.0, 0.1]}))
     arguments = ["--cell", "workflow/designs/mark1e_te.yaml", "--nodes", str(nodes), "--out", str(tmp_path / "t.h5")]
@@ -560,7 +560,7 @@ def test_an_adaptive_table_that_was_killed_goes_on_from_its_rows(te, tmp_path, m
             raise KeyboardInterrupt
         return solved(u, v)
 
-    monkeypatch.setattr("optics.fdtd.solve_direction", solve)
+    monkeypatch.setattr("optics.fdtd.stage.solve_direction", solve)
     path = tmp_path / "rows.h5"
     with pytest.raises(KeyboardInterrupt):
         solve_adaptively(te, 0.18, 0.18, SETTINGS, path)

@@ -11,11 +11,11 @@ from pydantic import ValidationError
 from beamrider.io.files import InputError
 from dynamics.membrane import lattice
 from dynamics.membrane.build import build
+from dynamics.membrane.plan import plan
 from dynamics.sail import mesh_checks, shapes
 from dynamics.sail.attitude import rotation_from_angles
 from dynamics.sail.mesh import Mesh, sail_mesh
 from dynamics.sail.sectors import sail_shape
-from dynamics.scene.effects_plan import plan
 from dynamics.scene.sail_schema import Sail
 from dynamics.scene.schema import read_scene
 from tests.membranes import FIG6, altered

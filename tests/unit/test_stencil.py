@@ -11,9 +11,9 @@ from dynamics.membrane import flight as membrane
 from dynamics.membrane.effects import failure, sheet
 from dynamics.membrane.flight import Flight
 from dynamics.membrane.layout import rows as stencil
-from dynamics.membrane.layout.numbering import scratch_space
 from dynamics.membrane.layout.sweep import add_up
-from dynamics.membrane.layout.threads import dismiss
+from dynamics.membrane.row_layout import scratch_space
+from dynamics.membrane.stepping.threads import dismiss
 from dynamics.sail.shapes import lattice_points
 from dynamics.scene.schema import Scene
 from tests.membranes import dark, edge_forces, film, small, stencil_forces

@@ -30,7 +30,7 @@ FLOWN = {"floquet": 1, "multipliers_figure": 1}
 
 def copy(folder: Path) -> Path:
     """A copy of the project with a configuration of films alone: two designs, a scene that flies on one of them."""
-    for name in ("optics", "dynamics", "workflow"):
+    for name in ("beamrider", "optics", "dynamics", "workflow"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("Snakefile", "constraints.txt"):
         shutil.copy(ROOT / name, folder)

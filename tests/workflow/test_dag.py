@@ -15,7 +15,7 @@ from workflow.configuration import read_plan
 ROOT = Path(__file__).parents[2]
 NODES = '''"""Stands in for the choice of directions: quick, and always the same."""
 from pathlib import Path
-import optics.modal
+import optics.modal.stage
 import sys
 
 def main() -> None:
@@ -40,10 +40,10 @@ def _jobs(folder: Path, *arguments: str) -> dict[str, int]:
 
 
 def _copy(folder: Path) -> Path:
-    for name in ("optics", "dynamics", "workflow"):
+    for name in ("beamrider", "optics", "dynamics", "workflow"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "Snakefile", folder)
-    (folder / "optics/modal/fdtd_directions.py").write_text(NODES, encoding="utf-8")
+    (folder / "optics/nodes.py").write_text(NODES, encoding="utf-8")
     return folder
 
 

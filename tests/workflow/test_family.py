@@ -107,7 +107,7 @@ def _snakemake(folder, *arguments):
 
 def test_members_that_fail_cost_no_fdtd_and_no_flight(tmp_path):
     """A small family, really screened: what is left to do is the confirmation of its two best members alone."""
-    for name in ("optics", "dynamics", "workflow"):
+    for name in ("beamrider", "optics", "dynamics", "workflow"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "Snakefile", tmp_path)
     search = tmp_path / "workflow/designs/search.yaml"

@@ -13,6 +13,7 @@ from matplotlib.image import imread
 
 from beamrider.io.files import InputError
 from dynamics.membrane import flight as membrane
+from dynamics.membrane import stage, summary
 from dynamics.membrane.build import build
 from dynamics.scene.schema import Scene, read_scene
 from tests.membranes import altered
@@ -84,8 +85,8 @@ def flights(tmp_path_factory):
         flight = membrane.Flight(scene, smooth_tables(), folder / f"{name}.partial")
         end = flight.fly()
         paths[name] = folder / f"{name}.vtkhdf"
-        columns, attributes = flight.columns(), membrane.attributes(flight, end, smooth_tables())
-        membrane.write_flight(paths[name], flight.membrane.mesh, flight.frames(), columns, attributes)
+        columns, attributes = flight.columns(), summary.attributes(flight, end, smooth_tables())
+        stage.write_flight(paths[name], flight.membrane.mesh, flight.frames(), columns, attributes)
     return paths
 
 

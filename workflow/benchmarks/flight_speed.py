@@ -28,9 +28,9 @@ from rows import seconds as best
 from beamrider.io.files import atomic, run_stage
 from dynamics.membrane.flight import Flight
 from dynamics.membrane.layout import rows as stencil
-from dynamics.membrane.layout.threads import sweep_all
 from dynamics.membrane.output.record import WIDTH
 from dynamics.membrane.stepping.step import run
+from dynamics.membrane.stepping.threads import sweep_all
 from dynamics.scene.schema import Scene, read_scene
 from optics.table.pressure_table import PressureTable
 

@@ -17,7 +17,8 @@ from typing import Any
 import numba
 import numpy as np
 
-from optics.table.lookup import Floats, TableArrays, lookup, lookup_many, lookup_slopes_many
+from beamrider.arrays import Floats
+from optics.table.lookup import TableArrays, lookup, lookup_many, lookup_slopes_many
 from optics.table.pressure_table import PressureTable
 
 DIRECTIONS, REPEATS = 20_000, 300

@@ -9,18 +9,17 @@ from typing import Any
 import h5py
 import matplotlib as mpl
 
+from beamrider.arrays import Floats
+
 mpl.use("Agg")
 
 import matplotlib.pyplot as plt
-import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from beamrider.io.files import Stopwatch, atomic, finish, reading
 from beamrider.io.hdf5 import read_hdf5
 from beamrider.provenance.record import NAME, as_attribute
 
-Floats = NDArray[np.float64]
 WATCH = Stopwatch()
 
 # Okabe & Ito's colours, told apart with every kind of colour vision.

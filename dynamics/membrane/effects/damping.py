@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numba
 
+from beamrider.arrays import Floats
 from dynamics.membrane.effects.sheet import Sheet, SheetWork
-from dynamics.membrane.effects.springs import Floats, Springs, collect, negate, separations
+from dynamics.membrane.effects.springs import Springs, collect, negate, separations
 
 
 class DampingWork(NamedTuple):

@@ -7,7 +7,8 @@ import math
 import numba
 import numpy as np
 
-from dynamics.membrane.effects.springs import Floats, Indices, Springs
+from beamrider.arrays import Floats, Indices
+from dynamics.membrane.effects.springs import Springs
 from dynamics.membrane.effects.thermal import hottest
 
 INTACT, TENSILE, THERMAL, LEFT_TABLE, FLY_AWAY, NON_FINITE, BROKEN, BEYOND = range(8)

@@ -18,15 +18,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from beamrider.arrays import Floats, Indices, Integers
 from dynamics.light.intensity import LIGHT_SPEED, decay
-from dynamics.membrane.effects.springs import Floats, Indices
 from dynamics.membrane.layout import rows as stencil
 from dynamics.membrane.layout.elements import turned
 from dynamics.membrane.layout.rows import Stencil
 from dynamics.membrane.layout.triangles import Patch, sides
 from optics.table.pressure_table import TableArrays, lookup_many
-
-Integers = NDArray[np.int64]
 
 #: Rows of what is found about directions: outside their table, or of light from behind.
 OUTSIDE, BEHIND = range(2)

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numba
 
+from beamrider.arrays import Floats
 from dynamics.membrane.effects.light_pressure import Light, Tables, table
-from dynamics.membrane.effects.springs import Floats
 from optics.table.pressure_table import lookup
 
 #: Of one direction on one surface: Re r_s, Im r_s, Re r_p, Im r_p, a_s, a_p.

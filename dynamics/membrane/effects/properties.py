@@ -9,14 +9,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numba
-import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Floats, Indices, Integers
 from dynamics.membrane.effects.sheet import Sheet
-from dynamics.membrane.effects.springs import REFERENCE_TEMPERATURE, Floats, Indices
+from dynamics.membrane.effects.springs import REFERENCE_TEMPERATURE
 from dynamics.membrane.layout.rows import Stencil
-
-Integers = NDArray[np.int64]
 
 
 class Curve(NamedTuple):

@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numba
 
+from beamrider.arrays import Floats, Integers
 from dynamics.light.intensity import LIGHT_SPEED
 from dynamics.membrane.effects import polarisation
-from dynamics.membrane.effects.light_pressure import Integers, Light, LightWork, table
+from dynamics.membrane.effects.light_pressure import Light, LightWork, table
 from dynamics.membrane.effects.polarisation import Polariser
-from dynamics.membrane.effects.springs import Floats
 from dynamics.membrane.effects.tree import Tree, nearest, refit
 from dynamics.membrane.layout.triangles import Patch
 from optics.table.pressure_table import lookup

@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from dynamics.membrane.effects.springs import REFERENCE_TEMPERATURE, Floats, Indices
+from beamrider.arrays import Floats, Indices
+from dynamics.membrane.effects.springs import REFERENCE_TEMPERATURE
 from dynamics.membrane.layout.rows import Stencil
 from dynamics.membrane.layout.triangles import Patch, sides
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numba
 
-from dynamics.membrane.effects.springs import Floats
+from beamrider.arrays import Floats
 
 
 class SpinUp(NamedTuple):

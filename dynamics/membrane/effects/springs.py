@@ -11,11 +11,8 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.uint32]
-Integers = NDArray[np.int64]
+from beamrider.arrays import Floats, Indices
 
 #: Temperature in K at which edges have their rest length.
 REFERENCE_TEMPERATURE = 300.0

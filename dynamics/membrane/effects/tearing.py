@@ -8,11 +8,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from beamrider.arrays import Floats, Indices
 from dynamics.membrane.effects import sheet
 from dynamics.membrane.effects.failure import INTACT, NON_FINITE, hot_corner
 from dynamics.membrane.effects.light_pressure import LightWork
 from dynamics.membrane.effects.sheet import Sheet, SheetWork
-from dynamics.membrane.effects.springs import Floats, Indices, Springs
+from dynamics.membrane.effects.springs import Springs
 from dynamics.membrane.effects.thermal import Heat, HeatWork
 from dynamics.membrane.layout import rows as stencil
 from dynamics.membrane.layout.rows import Stencil, StencilWork

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from dynamics.membrane.effects.springs import Floats, Indices, Springs
+from beamrider.arrays import Floats, Indices
+from dynamics.membrane.effects.springs import Springs
 from dynamics.membrane.layout.triangles import Patch, sides, weighted_areas
 
 

@@ -11,11 +11,8 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from dynamics.membrane.effects.springs import Floats, Indices
-
-Integers = NDArray[np.int64]
+from beamrider.arrays import Floats, Indices, Integers
 
 #: Triangles a leaf, at most.
 LEAF = 4

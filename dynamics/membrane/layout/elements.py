@@ -11,7 +11,7 @@ import math
 import numba
 import numpy as np
 
-from dynamics.membrane.effects.springs import Floats
+from beamrider.arrays import Floats
 from dynamics.membrane.layout.streams import streams
 
 #: Numbers in front of those of each row in the work space, which stay 0; rows begin at multiples of it.

@@ -13,12 +13,9 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from dynamics.membrane.effects.springs import Floats, Indices, Integers
+from beamrider.arrays import Floats, Indices, Integers, Places
 from dynamics.membrane.layout.triangles import Patch
-
-Places = NDArray[np.uint64]
 
 #: Where dead nodes lie in z, in m, as no sail ever does.
 FAR = -1e9
@@ -69,7 +66,7 @@ class Scratch(NamedTuple):
     (threads, 3, w): of the light and on nodes. lanes (threads, 3, 8): partial sums. sums (levels, r, 3): the light's
     force on each row in N. bad (threads,): how many elements failed. shares (threads + 1,): the rows of each thread.
     found, seen (threads, 2, 2): see `optical.respond`. sides (k, 6, c), frame (k, 10, c), response (k, c, 4): patches
-    of triangles, see `triangles.Patch`. board, orders: see `crew`.
+    of triangles, see `triangles.Patch`. board, orders: see `board`.
     """
 
     x: Floats

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numba
 
-from dynamics.membrane.effects.springs import Floats
+from beamrider.arrays import Floats
 from dynamics.membrane.layout import elements
 from dynamics.membrane.layout.elements import GUARD
 from dynamics.membrane.layout.rows import Pace, Stencil, StencilWork

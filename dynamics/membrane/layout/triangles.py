@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numba
 
-from dynamics.membrane.effects.springs import Floats, Indices
+from beamrider.arrays import Floats, Indices
 
 
 class Triangles(NamedTuple):

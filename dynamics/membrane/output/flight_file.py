@@ -18,13 +18,14 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from beamrider.io.checksum import append_checksum
 from beamrider.io.files import atomic
 from beamrider.io.hdf5 import new_hdf5
 from beamrider.provenance.record import as_attribute
 from dynamics.membrane.output.record import COLUMNS
 from dynamics.sail.attitude import angles_from_rotation
-from dynamics.sail.mesh import Floats, Mesh
+from dynamics.sail.mesh import Mesh
 
 TRIANGLE = 5  # VTK's number for the cell type
 _PACKED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}

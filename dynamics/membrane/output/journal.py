@@ -19,10 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from beamrider.io.checksum import append_checksum, fault
 from beamrider.io.files import InputError, atomic
-
-Floats = NDArray[np.float64]
 
 #: Files that are appended to.
 STREAMS = ("rows", "frames")

@@ -7,16 +7,16 @@ import math
 import numba
 import numpy as np
 
+from beamrider.arrays import Floats
 from dynamics.membrane.arrays import Model, Work
 from dynamics.membrane.effects import failure, reflections, sheet, tearing, thermal
 from dynamics.membrane.effects import springs as elastic
 from dynamics.membrane.effects.light_pressure import Light, LightWork, force
-from dynamics.membrane.effects.springs import Floats
 from dynamics.membrane.layout import rows as stencil
 from dynamics.membrane.layout.rows import Stencil
 from dynamics.membrane.layout.streams import streams
 from dynamics.membrane.layout.triangles import Triangles, total
-from dynamics.membrane.stepping.integrators import State
+from dynamics.membrane.state import State
 
 #: Where each quantity of a row starts. `fit` is Σ m (x − c) X₀ᵀ (3, 3); `angular_momentum`, `inertia` (xx, yy, zz, xy,
 #: xz, yz) are about the centre of mass; `impulse` is the time integral of the optical force since the start;

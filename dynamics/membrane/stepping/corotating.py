@@ -21,8 +21,9 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from beamrider.arrays import Floats, Indices
 from dynamics.membrane.arrays import Model
-from dynamics.membrane.effects.springs import Floats, Indices, Springs
+from dynamics.membrane.effects.springs import Springs
 from dynamics.membrane.output.record import centre
 from dynamics.membrane.stepping.dissection import Factor, Solution, solve
 from dynamics.membrane.stepping.integrators import copy

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import numba
 
+from beamrider.arrays import Floats
 from dynamics.light.intensity import mean_ramp
 from dynamics.membrane.arrays import Model, Work
 from dynamics.membrane.effects import failure
 from dynamics.membrane.effects.spin import SpinUp, kick
-from dynamics.membrane.effects.springs import Floats
-from dynamics.membrane.layout.threads import dismiss
 from dynamics.membrane.output.record import write_due, write_last
+from dynamics.membrane.state import State
 from dynamics.membrane.stepping.corotating import Carrier, CarrierWork, beyond, soften, soften_released
-from dynamics.membrane.stepping.integrators import VERLET, State, accumulate, advance, copy
+from dynamics.membrane.stepping.integrators import VERLET, accumulate, advance, copy
 from dynamics.membrane.stepping.step import evaluate, warm_up
+from dynamics.membrane.stepping.threads import dismiss
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -8,10 +8,10 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags, kron
 from scipy.sparse.linalg import eigsh
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError
 from dynamics.membrane.arrays import Model
 from dynamics.membrane.lattice import (
-    Floats,
     cotangents,
     highest_frequency,
     membrane_thickness,
@@ -19,10 +19,10 @@ from dynamics.membrane.lattice import (
     per_triangle,
     sheet_matrix,
 )
+from dynamics.membrane.plan import plan
 from dynamics.membrane.stepping.corotating import Carrier, CarrierWork
 from dynamics.membrane.stepping.dissection_setup import factorise, solution_space
 from dynamics.sail.mesh import Mesh
-from dynamics.scene.effects_plan import plan
 from dynamics.scene.schema import Scene
 
 #: Turns of the sail in a step when the scene gives none, and the most.

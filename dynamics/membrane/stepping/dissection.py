@@ -5,12 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numba
-import numpy as np
-from numpy.typing import NDArray
 
-from dynamics.membrane.effects.springs import Floats
-
-Integers = NDArray[np.int64]
+from beamrider.arrays import Floats, Integers
 
 
 class Factor(NamedTuple):

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from beamrider.arrays import Floats, Integers
 from dynamics.membrane.stepping.dissection import Factor, Solution
-from dynamics.sail.mesh import Floats, Integers
 
 #: Nodes up to which a part is not halved any more: the fastest at 30 rings.
 LEAF = 16

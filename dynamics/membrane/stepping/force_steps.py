@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numba
 
+from beamrider.arrays import Floats
 from dynamics.light.intensity import ramp
 from dynamics.membrane.arrays import Model, Work
-from dynamics.membrane.effects.springs import Floats
 from dynamics.membrane.layout import rows as stencil
 from dynamics.membrane.layout.rows import Pace
 from dynamics.membrane.layout.sweep import add_up
-from dynamics.membrane.layout.threads import sweep_all
-from dynamics.membrane.stepping.integrators import RK4, VERLET, State
+from dynamics.membrane.state import State
+from dynamics.membrane.stepping.integrators import RK4, VERLET
+from dynamics.membrane.stepping.threads import sweep_all
 
 
 @numba.njit(cache=True, error_model="numpy")

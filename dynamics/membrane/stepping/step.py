@@ -10,18 +10,19 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from beamrider.arrays import Floats
 from dynamics.membrane.arrays import Model, Work
 from dynamics.membrane.effects import damping, failure, properties, reflections, sheet, tearing, thermal
 from dynamics.membrane.effects import springs as elastic
 from dynamics.membrane.effects.spin import foresee, kick
-from dynamics.membrane.effects.springs import Floats
 from dynamics.membrane.layout import rows as stencil
 from dynamics.membrane.layout.rows import Pace
 from dynamics.membrane.layout.sweep import add_up
-from dynamics.membrane.layout.threads import dismiss, respond_all, sweep_all
 from dynamics.membrane.output.record import write_due, write_last
+from dynamics.membrane.state import State
 from dynamics.membrane.stepping.force_steps import add_impulse, free_run, gain_at, glide
-from dynamics.membrane.stepping.integrators import RK4, VERLET, State, accumulate, advance, advance_heat, copy
+from dynamics.membrane.stepping.integrators import RK4, VERLET, accumulate, advance, advance_heat, copy
+from dynamics.membrane.stepping.threads import dismiss, respond_all, sweep_all
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -217,7 +218,7 @@ def run(
 
     fresh: the state at n did not come from a step (the start, or after the release). Returns (failure code, step
     reached, rows written). With a code other than INTACT the state is the one in which it was found. Where the work
-    space is for several threads, the others must be in `crew.assist`; they are dismissed at the end.
+    space is for several threads, the others must be in `threads.assist`; they are dismissed at the end.
     """
     written, code = 0, failure.INTACT
     while code == failure.INTACT and (fresh or n < stop):

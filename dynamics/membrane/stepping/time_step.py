@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError
 from dynamics.membrane.effects import thermal
-from dynamics.membrane.lattice import Floats, per_triangle
+from dynamics.membrane.lattice import per_triangle
+from dynamics.membrane.plan import Effect
 from dynamics.sail.mesh import Mesh
-from dynamics.scene.effects_plan import Effect
 from dynamics.scene.schema import Scene
 from optics.table.pressure_table import PressureTable
 

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beamrider.arrays import Floats, Integers
 from dynamics.membrane.effects.sheet import Sheet
 from dynamics.membrane.effects.springs import Springs
-from dynamics.membrane.layout import threads as crew
+from dynamics.membrane.layout.board import BOARD, ORDERS
 from dynamics.membrane.layout.elements import GUARD
 from dynamics.membrane.layout.rows import Families, Scratch, Stencil, StencilWork, clear
-from dynamics.sail.mesh import Floats, Integers, Mesh
+from dynamics.sail.mesh import Mesh
 from dynamics.sail.shapes import lattice_points
 
 #: ℓ/L of springs that never tear.
@@ -135,7 +136,7 @@ def scratch_space(
         lanes=aligned(threads, 3, 8), sums=aligned(levels, rows, 3), bad=np.zeros(threads, np.int64), shares=shares,
         found=np.zeros((threads, 2, 2), np.int64), seen=np.zeros((threads, 2, 2)),
         sides=aligned(patches, 6, patch), frame=aligned(patches, 10, patch),
-        response=aligned(patches, patch, 4), board=np.zeros(crew.BOARD, np.int64), orders=np.zeros(crew.ORDERS),
+        response=aligned(patches, patch, 4), board=np.zeros(BOARD, np.int64), orders=np.zeros(ORDERS),
     )
     for copy in range(2):
         clear(scratch, copy)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from beamrider.arrays import Floats
 from beamrider.io.files import InputError
 from dynamics.membrane.effects.properties import Curve, Curves
-from dynamics.membrane.lattice import Floats, cotangents, membrane_thickness, per_triangle
+from dynamics.membrane.lattice import cotangents, membrane_thickness, per_triangle
+from dynamics.membrane.plan import Effect
 from dynamics.sail.mesh import Mesh
-from dynamics.scene.effects_plan import Effect
 from dynamics.scene.materials import Changing, Material
 from dynamics.scene.schema import Scene
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
-from beamrider.io.files import Strict
+from beamrider.io.files import Strict, write_json
 from dynamics.sail.shapes import rim_slope
-from dynamics.scene.schema import Effects, Scene
+from dynamics.scene.command_line import finish, stage_arguments
+from dynamics.scene.schema import Effects, Scene, read_scene
 
 EFFECTS = tuple(Effects.model_fields)
 
@@ -76,3 +77,12 @@ def plan(scene: Scene) -> dict[str, Effect]:
             if getattr(scene.effects, name) is None:
                 result[name] = Effect(on=False, reason="no heat comes or goes: the temperature stays uniform")
     return result
+
+
+def main() -> None:
+    """Write which effects a scene calls for, each with its reason."""
+    arguments = stage_arguments("dynamics.scene", main.__doc__, "JSON file to write", tables=False)
+    effects = plan(read_scene(arguments.scene))
+    write_json(arguments.out, {name: effect.model_dump() for name, effect in effects.items()})
+    on = sum(effect.on for effect in effects.values())
+    finish(arguments.out, arguments.watch, f"{on} of {len(effects)} effects on")
