@@ -8,7 +8,7 @@ import pytest
 
 from beamrider.provenance.sources import sources
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 LISTED = """
 import runpy, sys
