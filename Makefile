@@ -44,7 +44,6 @@ results: setup
 test: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/mypy workflow/*.py workflow/figures/*.py
 	$(BIN)/lint-imports
 	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
 

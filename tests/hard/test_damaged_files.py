@@ -8,9 +8,7 @@ Without `slow` a few of each are drawn, always the same ones.
 from __future__ import annotations
 
 import functools
-import importlib
 import pickle
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -42,6 +40,7 @@ from tests.families import many_cells, many_members
 from tests.membranes import small
 from tests.mutations import FEW, damaged, edited_file, many, outcome
 from tests.synthetic import smooth_tables
+from workflow.figures import drawing, flown, snapshots
 
 ROOT = Path(__file__).parents[2]
 WORKFLOW = ROOT / "workflow"
@@ -102,14 +101,6 @@ def stage(main: Callable[[], None], path: Path) -> None:
         main()
 
 
-def figure(module: str, name: str) -> Callable[[Path], Any]:
-    """A reader of the figures, whose scripts see the modules of their own folder."""
-    def read(path: Path) -> Any:
-        sys.path.insert(0, str(WORKFLOW / "figures"))
-        return getattr(importlib.import_module(module), name)(path)
-    return read
-
-
 #: How a file of each kind is made, and read.
 KINDS: dict[str, tuple[Callable[[Path], Any], Callable[[Path], Any]]] = {
     "table.h5": (lambda path: smooth_tables()["mark1e_te"].write(path), PressureTable.read),
@@ -122,10 +113,10 @@ KINDS: dict[str, tuple[Callable[[Path], Any], Callable[[Path], Any]]] = {
         lambda path: read_rows(path, TE, FdtdSettings()),
     ),
     "block.h5": (map_basin, lambda path: basin.merge([path, path], SHORT, smooth_tables(), GRID)),
-    "rigid.h5": (functools.partial(stage, rigid.main), figure("drawing", "read_series")),
-    "maps.h5": (functools.partial(stage, maps.main), figure("drawing", "read_series")),
-    "flight.vtkhdf": (functools.partial(stage, membrane_stage.main), figure("flown", "read")),
-    "flight2.vtkhdf": (functools.partial(stage, membrane_stage.main), figure("snapshots", "read")),
+    "rigid.h5": (functools.partial(stage, rigid.main), drawing.read_series),
+    "maps.h5": (functools.partial(stage, maps.main), drawing.read_series),
+    "flight.vtkhdf": (functools.partial(stage, membrane_stage.main), flown.read),
+    "flight2.vtkhdf": (functools.partial(stage, membrane_stage.main), snapshots.read),
     "floquet.json": (functools.partial(stage, floquet.main), read_json),
     "nodes.json": (
         lambda path: write_json(path, {"name": TE.name, "u": [-0.1, 0.0, 0.1], "v": [0.0, 0.1], "error": 1e-3}),

@@ -68,5 +68,5 @@ rule accuracy_rigid:
     message:
         "What accuracy costs in rigid flight"
     shell:
-        "python workflow/benchmarks/accuracy_rigid.py --scene {input.scene} --tables {params.tables}"
+        "python -m workflow.benchmarks.accuracy_rigid --scene {input.scene} --tables {params.tables}"
         " --out {output.csv} --markdown {output.markdown} --png {output.png} > {log} 2>&1"

@@ -75,7 +75,7 @@ rule basin_figure:
     message:
         "Figure of the basin of {wildcards.scene}"
     shell:
-        "python workflow/figures/basin.py --maps {input.maps} --out {output.png} --svg {output.svg} > {log} 2>&1"
+        "python -m workflow.figures.basin --maps {input.maps} --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
 rule basins:

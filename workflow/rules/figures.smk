@@ -26,7 +26,7 @@ rule pressure_figure:
     message:
         "Figure of the tables of {wildcards.design}"
     shell:
-        "python workflow/figures/pressure.py --modal {input.modal} {params.fdtd}"
+        "python -m workflow.figures.pressure --modal {input.modal} {params.fdtd}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -53,7 +53,7 @@ rule fdtd_figure:
     message:
         "Figure of the error and cost of FDTD"
     shell:
-        "python workflow/figures/fdtd.py --modal {input.modal} --parts {input.parts}"
+        "python -m workflow.figures.fdtd --modal {input.modal} --parts {input.parts}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -82,7 +82,7 @@ rule multipliers_figure:
     message:
         "Figure of the multipliers"
     shell:
-        "python workflow/figures/multipliers.py --floquet {params.floquet} --fdtd {params.fdtd}"
+        "python -m workflow.figures.multipliers --floquet {params.floquet} --fdtd {params.fdtd}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -111,7 +111,7 @@ rule flights_figure:
     message:
         "Figure of the flights"
     shell:
-        "python workflow/figures/flights.py --rigid {params.rigid} --flexible {params.flexible}"
+        "python -m workflow.figures.flights --rigid {params.rigid} --flexible {params.flexible}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -137,7 +137,7 @@ rule snapshots_figure:
     message:
         "Snapshots of {wildcards.scene}"
     shell:
-        "python workflow/figures/snapshots.py --flight {input.flight} --name {wildcards.scene}"
+        "python -m workflow.figures.snapshots --flight {input.flight} --name {wildcards.scene}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -177,5 +177,5 @@ rule summary:
     message:
         "Table of key numbers"
     shell:
-        "python workflow/figures/summary.py --tables {input.tables} --floquet {input.floquet} --flights {input.flights}"
+        "python -m workflow.figures.summary --tables {input.tables} --floquet {input.floquet} --flights {input.flights}"
         " --benchmarks {input.benchmarks} --out {output.csv} --html {output.html} > {log} 2>&1"

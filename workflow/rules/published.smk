@@ -5,8 +5,9 @@ published tables are flown where these are: in the folder BEAMRIDER_REFERENCE or
 """
 
 from workflow.published import SOURCE as PUBLISHED, read_published
+from workflow.published_tables import NAME as REFERENCE_NAME
 
-REFERENCE = os.path.join(os.environ.get("BEAMRIDER_REFERENCE", "../shared/reference"), "published_pressure_tables.npz")
+REFERENCE = os.path.join(os.environ.get("BEAMRIDER_REFERENCE", "../shared/reference"), REFERENCE_NAME)
 published = checked(read_published)
 
 
@@ -52,7 +53,7 @@ rule published_reference:
     message:
         "Published pressure tables"
     shell:
-        "python -m tests.published.reference --out results/tables/published > {log} 2>&1"
+        "python -m workflow.published_tables --data {input} --out $(dirname {output[0]}) > {log} 2>&1"
 
 
 # The list is no input: a flight is flown again where its own mesh or duration changed, not with every remark.
@@ -72,7 +73,7 @@ rule published_scene:
     message:
         "Scene of the published flight {wildcards.scene}"
     shell:
-        "python workflow/published.py --scene {input.scene} --out {output} > {log} 2>&1"
+        "python -m workflow.published --scene {input.scene} --out {output} > {log} 2>&1"
 
 
 rule published_flight:
@@ -119,7 +120,7 @@ rule published_figure:
     message:
         "Figure of the published flight {wildcards.scene}"
     shell:
-        "python workflow/figures/published_flight.py --name {wildcards.scene} --flights {params.flights} {params.rigid}"
+        "python -m workflow.figures.published_flight --name {wildcards.scene} --flights {params.flights} {params.rigid}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -142,5 +143,5 @@ rule published_table:
     message:
         "Published flights against the paper"
     shell:
-        "python workflow/figures/published_table.py --flights {params.flights} --out {output.csv} --html {output.html}"
+        "python -m workflow.figures.published_table --flights {params.flights} --out {output.csv} --html {output.html}"
         " --markdown {output.markdown} > {log} 2>&1"

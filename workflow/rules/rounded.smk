@@ -24,7 +24,7 @@ rule rounded:
     message:
         "Figure and numbers of rounded corners"
     shell:
-        "python workflow/figures/rounded.py --tables {input.tables} --rounded {input.rounded} --sharp {input.sharp}"
+        "python -m workflow.figures.rounded --tables {input.tables} --rounded {input.rounded} --sharp {input.sharp}"
         " --csv {output.csv} --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 

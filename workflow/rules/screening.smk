@@ -63,7 +63,7 @@ rule family:
     message:
         "Members of the family {wildcards.family}"
     shell:
-        "python workflow/family.py --family {input.family} --out $(dirname {output.cells}) > {log} 2>&1"
+        "python -m workflow.family --family {input.family} --out $(dirname {output.cells}) > {log} 2>&1"
 
 
 # Blocks that are done stay done: a run that was killed goes on with the others.
@@ -137,7 +137,7 @@ checkpoint candidates:
     message:
         "Best members of the family {wildcards.family}"
     shell:
-        "python workflow/candidates.py --family {input.family} --scene {input.scene} --screened {input.screened}"
+        "python -m workflow.candidates --family {input.family} --scene {input.scene} --screened {input.screened}"
         " --cells {input.cells} --out {output} > {log} 2>&1"
 
 
@@ -330,7 +330,7 @@ rule confirmed:
     message:
         "Table of the best members of the family {wildcards.family}"
     shell:
-        "python workflow/confirmed.py --family {input.family} --screened {input.screened} --base {params.base}"
+        "python -m workflow.confirmed --family {input.family} --screened {input.screened} --base {params.base}"
         " --candidates {params.candidates} --csv {output.csv} --markdown {output.markdown} > {log} 2>&1"
 
 
@@ -358,7 +358,7 @@ rule confirmed_figure:
     message:
         "Basins of the best members of the family {wildcards.family}"
     shell:
-        "python workflow/figures/basin.py --maps {input.base} {input.best} --names {params.names}"
+        "python -m workflow.figures.basin --maps {input.base} {input.best} --names {params.names}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -384,7 +384,7 @@ rule family_figure:
     message:
         "Figure of the family {wildcards.family}"
     shell:
-        "python workflow/figures/families.py --kind {params.kind} --screened {input.screened}"
+        "python -m workflow.figures.families --kind {params.kind} --screened {input.screened}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
