@@ -13,12 +13,12 @@ rule accuracy_rows:
         cells=[f"workflow/designs/{name}.yaml" for name in ("mark1e_te", "mark1e_tm")],
     output:
         "results/accuracy/{part}.csv",
-    wildcard_constraints:
-        part="modal|tables|fdtd",
     log:
         "results/logs/accuracy/{part}.log",
     benchmark:
         "results/benchmarks/accuracy/{part}.tsv"
+    wildcard_constraints:
+        part="modal|tables|fdtd",
     threads: 1
     resources:
         mem_mb=2000,

@@ -16,12 +16,12 @@ rule accuracy_flight:
         "results/logs/accuracy/flight.log",
     benchmark:
         "results/benchmarks/accuracy/flight.tsv"
-    params:
-        tables=lambda wildcards: [f"'{name}={','.join(paths)}'" for name, paths in sets(wildcards).items()],
     threads: 1
     resources:
         mem_mb=1000,
         runtime=30,
+    params:
+        tables=lambda wildcards: [f"'{name}={','.join(paths)}'" for name, paths in sets(wildcards).items()],
     message:
         "What accuracy costs in flexible flight"
     shell:

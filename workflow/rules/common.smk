@@ -121,11 +121,11 @@ rule machine_code:
         "results/logs/machine_code.log",
     benchmark:
         "results/benchmarks/machine_code.tsv"
+    priority: 110
     threads: 1
     resources:
         mem_mb=2500,
         runtime=30,
-    priority: 110
     message:
         "Machine code of flights"
     shell:

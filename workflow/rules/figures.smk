@@ -17,12 +17,12 @@ rule pressure_figure:
         "results/logs/figures/pressure_{design}.log",
     benchmark:
         "results/benchmarks/figures/pressure_{design}.tsv"
-    params:
-        fdtd=lambda wildcards, input: f"--fdtd {input.fdtd}" if input.fdtd else "",
     threads: 1
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        fdtd=lambda wildcards, input: f"--fdtd {input.fdtd}" if input.fdtd else "",
     message:
         "Figure of the tables of {wildcards.design}"
     shell:
@@ -72,13 +72,13 @@ rule multipliers_figure:
         "results/logs/figures/multipliers.log",
     benchmark:
         "results/benchmarks/figures/multipliers.tsv"
-    params:
-        floquet=labelled(plan.config.floquet, "floquet.json"),
-        fdtd=labelled(plan.fdtd_scenes, "floquet_fdtd.json"),
     threads: 1
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        floquet=labelled(plan.config.floquet, "floquet.json"),
+        fdtd=labelled(plan.fdtd_scenes, "floquet_fdtd.json"),
     message:
         "Figure of the multipliers"
     shell:
@@ -101,13 +101,13 @@ rule flights_figure:
         "results/logs/figures/flights.log",
     benchmark:
         "results/benchmarks/figures/flights.tsv"
-    params:
-        rigid=labelled(plan.config.rigid, "rigid.h5"),
-        flexible=labelled(plan.config.flight, "flight.vtkhdf"),
     threads: 1
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        rigid=labelled(plan.config.rigid, "rigid.h5"),
+        flexible=labelled(plan.config.flight, "flight.vtkhdf"),
     message:
         "Figure of the flights"
     shell:
@@ -145,12 +145,12 @@ rule snapshots_figure:
 rule contents:
     output:
         "results/contents.sha256",
-    params:
-        digest=digest_of([plan.figures, plan.all_flights, plan.all_floquet, plan.all_tables, list(plan.scenes)]),
     threads: 1
     resources:
         mem_mb=100,
         runtime=5,
+    params:
+        digest=digest_of([plan.figures, plan.all_flights, plan.all_floquet, plan.all_tables, list(plan.scenes)]),
     message:
         "What the report holds"
     shell:
@@ -165,7 +165,12 @@ rule summary:
         benchmarks=plan.benchmarks,
     output:
         csv=report("results/summary.csv", caption="../report/summary.rst", category="Summary", labels={"table": "CSV"}),
-        html=report("results/summary.html", caption="../report/summary.rst", category="Summary", labels={"table": "key numbers"}),
+        html=report(
+            "results/summary.html",
+            caption="../report/summary.rst",
+            category="Summary",
+            labels={"table": "key numbers"},
+        ),
     log:
         "results/logs/summary.log",
     benchmark:

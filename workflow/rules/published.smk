@@ -64,12 +64,12 @@ rule published_scene:
         "results/published/{scene}/{scene}.yaml",
     log:
         "results/logs/published/{scene}/scene.log",
-    params:
-        flown=lambda wildcards: published[wildcards.scene].model_dump(include={"rings", "duration_s"}),
     threads: 1
     resources:
         mem_mb=500,
         runtime=5,
+    params:
+        flown=lambda wildcards: published[wildcards.scene].model_dump(include={"rings", "duration_s"}),
     message:
         "Scene of the published flight {wildcards.scene}"
     shell:
@@ -82,12 +82,12 @@ rule published_flight:
         tables=published_tables,
     output:
         "results/published/{scene}/{source}.vtkhdf",
-    wildcard_constraints:
-        source="modal|published",
     log:
         "results/logs/published/{scene}/{source}.log",
     benchmark:
         "results/benchmarks/published/{scene}/{source}.tsv"
+    wildcard_constraints:
+        source="modal|published",
     threads: 1
     resources:
         mem_mb=4000,
@@ -110,13 +110,13 @@ rule published_figure:
         svg="results/figures/published_{scene}.svg",
     log:
         "results/logs/figures/published_{scene}.log",
-    params:
-        flights=lambda wildcards, input: [f"{os.path.basename(path).split('.')[0]}={path}" for path in input.flights],
-        rigid=lambda wildcards, input: f"--rigid {input.rigid}" if input.rigid else "",
     threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
+    params:
+        flights=lambda wildcards, input: [f"{os.path.basename(path).split('.')[0]}={path}" for path in input.flights],
+        rigid=lambda wildcards, input: f"--rigid {input.rigid}" if input.rigid else "",
     message:
         "Figure of the published flight {wildcards.scene}"
     shell:
@@ -134,12 +134,12 @@ rule published_table:
         markdown="results/published/flights.md",
     log:
         "results/logs/published/table.log",
-    params:
-        flights=[f"{scene}:{source}=results/published/{scene}/{source}.vtkhdf" for scene, source in ALL_PUBLISHED],
     threads: 1
     resources:
         mem_mb=2000,
         runtime=20,
+    params:
+        flights=[f"{scene}:{source}=results/published/{scene}/{source}.vtkhdf" for scene, source in ALL_PUBLISHED],
     message:
         "Published flights against the paper"
     shell:
