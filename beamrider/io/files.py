@@ -256,7 +256,7 @@ def _refuse_other_code(main: Path) -> None:
     ours = Path(__file__).resolve().parents[2]
     if own not in (None, ours) and (own / "optics").is_dir():
         name = ".".join(main.relative_to(own).with_suffix("").parts)
-        raise InputError(f"{main}: would compute with the modules of {ours}; in {own}: python -m {name}")
+        raise InputError(f"{main}: would compute with the modules of {ours}; use python -m {name}")
 
 
 def run_stage(main: Callable[[], None]) -> None:

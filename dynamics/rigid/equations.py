@@ -108,8 +108,8 @@ def incidence(turn: Floats, g: Floats, yaw_blind: bool) -> tuple[float, float]:
 def stokes(turn: Floats, g: Floats, angle: float) -> tuple[float, float]:
     """(s₁, s₂) in a sector's axes of light along +z that is polarised linearly at `angle` from x in the lab.
 
-    e₁ is the sector's r = n × g projected perpendicular to k, e₂ = k × e₁; s₁ = cos 2χ, s₂ = sin 2χ with χ the angle
-    from e₁ towards e₂ (Born & Wolf, Principles of Optics, §1.4.2).
+    turn (3, 3), g (2,). e₁ is the sector's r = n × g projected perpendicular to k, e₂ = k × e₁; s₁ = cos 2χ,
+    s₂ = sin 2χ with χ the angle from e₁ towards e₂ (Born & Wolf, Principles of Optics, §1.4.2).
     """
     x = -turn[0, 0] * g[1] + turn[0, 1] * g[0]
     y = -turn[1, 0] * g[1] + turn[1, 1] * g[0]
@@ -185,7 +185,7 @@ def exponent(sail: RigidSail, light: Light, turn: Floats, x: float, y: float, ou
 
 @numba.njit(cache=True, error_model="numpy")
 def moments(sail: RigidSail, rule: int, s: int, c: Floats) -> tuple[float, float, float]:
-    """(∫e dA, ∫X e dA, ∫Y e dA) over sector s, e = exp(−2ρ²/w²), X and Y from the centre of mass; c of `exponent`."""
+    """(∫e dA, ∫X e dA, ∫Y e dA) over sector s, e = exp(−2ρ²/w²), X, Y from the centre of mass; c (n,) of `exponent`."""
     total, first_x, first_y = 0.0, 0.0, 0.0
     points = sail.rules.points
     for p in range(sail.rules.first[rule, s], sail.rules.first[rule, s + 1]):

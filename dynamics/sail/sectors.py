@@ -44,7 +44,7 @@ class SectorShape:
 
     @property
     def r(self) -> Floats:
-        """Direction along the ridges, n × g, in body x, y."""
+        """Direction (2,) along the ridges, n × g, in body x, y."""
         return np.array([-self.g[1], self.g[0]])
 
     @property
@@ -54,13 +54,13 @@ class SectorShape:
 
     @property
     def first_moment(self) -> Floats:
-        """(∫X dA, ∫Y dA) in m³."""
+        """(∫X dA, ∫Y dA), (2,), in m³."""
         a, b = self.start, self.stop
         return self.radius**3 / 3.0 * np.array([np.sin(b) - np.sin(a), np.cos(a) - np.cos(b)])
 
     @property
     def second_moment(self) -> Floats:
-        """[[∫X² dA, ∫XY dA], [∫XY dA, ∫Y² dA]] in m⁴."""
+        """[[∫X² dA, ∫XY dA], [∫XY dA, ∫Y² dA]], (2, 2), in m⁴."""
         a, b = self.start, self.stop
         span, double = b - a, 0.5 * (np.sin(2 * b) - np.sin(2 * a))
         mixed = np.sin(b) ** 2 - np.sin(a) ** 2

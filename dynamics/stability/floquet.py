@@ -108,7 +108,7 @@ class Doubt:
 
 
 def doubt(stability: Stability, modes: list[tuple[Floats, float]]) -> Doubt | None:
-    """Why the verdict on a model with those errors is undecided; None where it is not."""
+    """Why the verdict on a model with those errors (n, n) is undecided; None where it is not."""
     if stability.verdict != "undecided":
         return None
     for share in BETTER:
@@ -157,7 +157,7 @@ def analyse(scene: scenes.Scene, tables: dict[str, PressureTable]) -> Stability:
 
 
 def assess(model: LinearModel, modes: list[tuple[Floats, float]], unit: float = 1.0) -> Stability:
-    """The outcome for a model that may be off by any mixture of `modes`; `unit` is the unit of time in s."""
+    """The outcome for a model that may be off by any mixture of `modes` (n, n); `unit` is the unit of time in s."""
     monodromy = model.monodromy()
     rate = float(model.period) * unit
     exponents = model.exponents()

@@ -59,7 +59,7 @@ def normalised_load(body: RigidBody, x: float = 0.0, y: float = 0.0, roll: float
 def make_maps(
     scene: scenes.Scene, tables: dict[str, PressureTable], shift: Floats = SHIFT, tilt: Floats = TILT
 ) -> Maps:
-    """The maps of a scene's sail; InputError where there is no light to normalise by."""
+    """The maps of a scene's sail over shifts (n,), in D, and tilts (m,) in rad; InputError without light."""
     if scene.beam.intensity_W_m2 == 0.0:
         raise InputError(f"{scene.name}.yaml: beam.intensity_W_m2 = 0: must be above 0 for maps of force and torque")
     body = rigid_body(scene, tables)

@@ -70,7 +70,7 @@ def lacking(cell: Grating, directions: Floats, settings: FdtdSettings, path: Pat
 
 
 def solve_part(cell: Grating, directions: Floats, settings: FdtdSettings, path: Path, what: str = "FDTD") -> Rows:
-    """Like `solve_rows`, with progress; `path` ends with the rows of `directions` alone, in their order."""
+    """Like `solve_rows`, with progress; `path` ends with the rows of `directions` (n, 2) alone, in order."""
     with Progress(cell, settings, lacking(cell, directions, settings, path), f"{what} {cell.name}") as progress:
         rows = solve_rows(cell, directions, settings, path, progress).selected(directions)
     write_rows(path, cell, settings, rows)
@@ -80,7 +80,7 @@ def solve_part(cell: Grating, directions: Floats, settings: FdtdSettings, path: 
 def solve_adaptively(
     cell: Grating, u_max: float, v_max: float, settings: FdtdSettings, path: Path
 ) -> tuple[Floats, Floats, float]:
-    """Nodes u, v chosen by what FDTD itself finds, the error between those in v; the rows of all of them in `path`."""
+    """Nodes u (n,), v (m,) chosen by what FDTD finds, the error between those in v; all their rows in `path`."""
     expected = lacking(cell, expected_directions(cell, u_max, v_max, (TABLE - 1) * settings.tolerance), settings, path)
     with Progress(cell, settings, expected, f"FDTD {cell.name}") as progress:
 

@@ -70,8 +70,8 @@ def order_cosines(
 ) -> tuple[Floats, Complexes]:
     """u_m = u + m λ/d and w_m = √(n² − u_m² − v²) (Im ≥ 0) of the diffraction orders.
 
-    `pitch` is λ/d. u and v broadcast; the last axis of the results runs over `orders`. Evanescent orders have an
-    imaginary w_m.
+    `pitch` is λ/d. u and v (...) broadcast; the last axis of the results runs over `orders` (n,). Evanescent ones have
+    an imaginary w_m.
     """
     u_m = np.asarray(u)[..., None] + pitch * orders
     s = np.hypot(u_m, np.asarray(v)[..., None])
