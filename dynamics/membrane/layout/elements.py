@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Floats
-from dynamics.membrane.layout.streams import streams
+from beamrider.machine_code.streams import streams
 
 #: Numbers in front of those of each row in the work space, which stay 0; rows begin at multiples of it.
 GUARD = np.uint64(8)
@@ -135,7 +135,7 @@ def advance(
     o: int, n: int, force: Floats, per_mass: Floats, close: float, start: float, dt: float, v: Floats, x: Floats,
     new_v: Floats, new_x: Floats,
 ) -> None:
-    """One component of a step, from forces (n,): see `Pace`."""
+    """One component of a step, from forces (n,): see `StepTimes`."""
     for m in range(n):
         i = o + m
         acceleration = force[m] * per_mass[i]

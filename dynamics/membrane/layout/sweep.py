@@ -15,10 +15,10 @@ from __future__ import annotations
 import numba
 
 from beamrider.arrays import Floats
+from beamrider.machine_code.streams import by_row
 from dynamics.membrane.layout import elements
 from dynamics.membrane.layout.elements import GUARD
-from dynamics.membrane.layout.rows import Pace, Stencil, StencilWork
-from dynamics.membrane.layout.streams import by_row
+from dynamics.membrane.layout.rows import Stencil, StencilWork, StepTimes
 
 
 @by_row(forceinline=True)
@@ -120,14 +120,14 @@ def _collect(stencil: Stencil, work: StencilWork, r: int, thread: int, level: in
 
 
 @by_row(forceinline=True)
-def _move(stencil: Stencil, work: StencilWork, r: int, thread: int, source: int, pace: Pace) -> None:
+def _move(stencil: Stencil, work: StencilWork, r: int, thread: int, source: int, times: StepTimes) -> None:
     """What the forces do to the nodes of row r."""
     o, n, target, scratch = stencil.start[r], stencil.width[r], 1 - source, work.scratch
     force, per_mass, v, x = scratch.force[thread], stencil.per_mass, scratch.v, scratch.x
     for c in range(3):
-        if pace.moves:
+        if times.moves:
             elements.advance(
-                o, n, force[c], per_mass, pace.close, pace.open, pace.dt, v[source, c], x[source, c], v[target, c],
+                o, n, force[c], per_mass, times.close, times.open, times.dt, v[source, c], x[source, c], v[target, c],
                 x[target, c],
             )
         else:
@@ -146,7 +146,7 @@ def _add_light(stencil: Stencil, work: StencilWork, r: int, thread: int, level: 
 
 @by_row(forceinline=True)
 def _pass(
-    stencil: Stencil, work: StencilWork, source: int, pace: Pace, thread: int, level: int, r: int, ahead: int
+    stencil: Stencil, work: StencilWork, source: int, times: StepTimes, thread: int, level: int, r: int, ahead: int
 ) -> int:
     """Forces on nodes x[source] of row r, and what follows for them; how many elements may have failed.
 
@@ -154,17 +154,17 @@ def _pass(
     """
     found = 0
     for k in range(r - ahead, r + 1):
-        found = _act(stencil, work, work.scratch.x[source], k, thread, level, pace.share)
-    _collect(stencil, work, r, thread, level, pace.share > 0.0)
-    _move(stencil, work, r, thread, source, pace)
-    if pace.share > 0.0:
+        found = _act(stencil, work, work.scratch.x[source], k, thread, level, times.share)
+    _collect(stencil, work, r, thread, level, times.share > 0.0)
+    _move(stencil, work, r, thread, source, times)
+    if times.share > 0.0:
         _add_light(stencil, work, r, thread, level)
     return found
 
 
 @by_row()
 def sweep(
-    stencil: Stencil, work: StencilWork, source: int, pace: Pace, thread: int, levels: int, seam: bool
+    stencil: Stencil, work: StencilWork, source: int, times: StepTimes, thread: int, levels: int, seam: bool
 ) -> None:
     """So many steps from nodes x[source], if they move, of the rows of a thread; failures to bad[thread].
 
@@ -181,7 +181,7 @@ def sweep(
             r, top = wave - level, first + lean * level
             if top <= r < end + slant * level:
                 here = source if level % 2 == 0 else 1 - source
-                bad += _pass(stencil, work, here, pace, thread, level, r, 1 if r == top and r > 0 else 0)
+                bad += _pass(stencil, work, here, times, thread, level, r, 1 if r == top and r > 0 else 0)
     work.scratch.bad[thread] = bad
 
 
