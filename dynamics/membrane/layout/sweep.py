@@ -17,7 +17,7 @@ import numba
 from beamrider.arrays import Floats
 from beamrider.machine_code.streams import by_row
 from dynamics.membrane.layout import elements
-from dynamics.membrane.layout.elements import GUARD
+from dynamics.membrane.layout.elements import GUARD, apart
 from dynamics.membrane.layout.rows import Stencil, StencilWork, StepTimes
 
 
@@ -27,24 +27,21 @@ def _strain_row(
 ) -> int:
     """Forces on the corners of the triangles that begin on row r; how many may have failed."""
     o, n, bad, ahead, below = stencil.start[r], stencil.width[r], 0, stencil.triangles.ahead, stencil.triangles.below
-    x0, x1, x2, sums, corners = x[0], x[1], x[2], work.scratch.push[thread], work.scratch.corners[thread]
+    nodes, sums, corners = apart(x), apart(work.scratch.push[thread]), work.scratch.corners[thread]
     for f in range(ahead.shape[1]):
-        free, scale = work.free[f], work.scale[f]
-        a, b, c = corners[0, r % 2, f, 0], corners[level * below[f, 0], r % 2, f, 1], corners[
-            level * below[f, 1], r % 2, f, 2
-        ]
+        free, scale = apart(work.free[f]), apart(work.scale[f])
+        one = apart(corners[0, r % 2, f, 0])
+        two = apart(corners[level * below[f, 0], r % 2, f, 1])
+        three = apart(corners[level * below[f, 1], r % 2, f, 2])
         if share > 0.0:
-            held = work.held[f]
             bad += elements.strain(
-                True, o, n, ahead[r, f, 0], ahead[r, f, 1], x0, x1, x2, free[0], free[1], free[2], scale[0], scale[1],
-                scale[2], work.shear[f], work.bound[f], share, held[0], held[1], held[2], a[0], a[1], a[2], b[0], b[1],
-                b[2], c[0], c[1], c[2], sums[0], sums[1], sums[2],
+                True, o, n, ahead[r, f, 0], ahead[r, f, 1], nodes, free, scale, work.shear[f], work.bound[f], share,
+                apart(work.held[f]), one, two, three, sums,
             )
         else:
             bad += elements.strain(
-                False, o, n, ahead[r, f, 0], ahead[r, f, 1], x0, x1, x2, free[0], free[1], free[2], scale[0], scale[1],
-                scale[2], work.shear[f], work.bound[f], share, x0, x1, x2, a[0], a[1], a[2], b[0], b[1], b[2], c[0],
-                c[1], c[2], sums[0], sums[1], sums[2],
+                False, o, n, ahead[r, f, 0], ahead[r, f, 1], nodes, free, scale, work.shear[f], work.bound[f], share,
+                nodes, one, two, three, sums,
             )
     return bad
 
@@ -55,20 +52,16 @@ def _stretch_row(
 ) -> int:
     """The same of springs, and the light's force on the corners of the triangles."""
     o, n, bad, ahead, below = stencil.start[r], stencil.width[r], 0, stencil.edges.ahead, stencil.edges.below
-    x0, x1, x2, sums = x[0], x[1], x[2], work.scratch.push[thread]
+    nodes, sums = apart(x), apart(work.scratch.push[thread])
     for f in range(ahead.shape[1]):
-        out = work.scratch.ends[thread, level * below[f, 0], r % 2, f]
+        out = apart(work.scratch.ends[thread, level * below[f, 0], r % 2, f])
         bad += elements.stretch(
-            o, n, ahead[r, f, 0], x0, x1, x2, stencil.stiffness[f], work.lengths[f], stencil.stretch[f], out[0],
-            out[1], out[2],
+            o, n, ahead[r, f, 0], nodes, stencil.stiffness[f], work.lengths[f], stencil.stretch[f], out
         )
     ahead = stencil.triangles.ahead
     for f in range(ahead.shape[1] if share > 0.0 else 0):
-        held, out = work.held[f], work.scratch.corners[thread, level, r % 2, f, 0]
-        elements.push(
-            o, n, ahead[r, f, 0], ahead[r, f, 1], x0, x1, x2, share, held[0], held[1], held[2], out[0], out[1], out[2],
-            sums[0], sums[1], sums[2],
-        )
+        out = apart(work.scratch.corners[thread, level, r % 2, f, 0])
+        elements.push(o, n, ahead[r, f, 0], ahead[r, f, 1], nodes, share, apart(work.held[f]), out, sums)
     return bad
 
 
