@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,9 @@ from dynamics.membrane.effects import composition
 from dynamics.membrane.output.record import COLUMNS, SIZES, WIDTH
 from dynamics.membrane.plan import plan
 from dynamics.scene.schema import Effects
+from tests import drag
 from tests.membranes import small
 
-ROOT = Path(__file__).parents[2]
 #: The line in the list, then a flight at 1 m/s through what brakes it, with free steps where it is calm.
 FLY = """
 import json, sys, tempfile
@@ -48,15 +49,19 @@ json.dump(found, open(sys.argv[1], "w"))
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory: pytest.TempPathFactory) -> dict:
-    """What FLY found, in a process of its own with a copy of today's machine code: the list is read on import."""
-    folder = tmp_path_factory.mktemp("drag")
-    today = Path(os.environ[cache.VARIABLE])
-    if today.is_dir():
-        shutil.copytree(today, folder / today.name)
-    given = {**os.environ, cache.VARIABLE: str(folder), "PYTHONPATH": str(ROOT)}
+def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict:
+    """What FLY found, in a process of its own, as the list is read on import.
+
+    Its machine code is kept apart from ours, of which it begins with a copy, and from one run of the tests to the next.
+    """
+    folder, today = tmp_path_factory.mktemp("drag"), Path(os.environ[cache.VARIABLE])
+    kept = request.config.cache
+    own = kept.mkdir(f"drag-{sha256(Path(drag.__file__).read_bytes()).hexdigest()[:8]}") if kept else folder
+    if today.is_dir() and not (own / today.name).exists():
+        shutil.copytree(today, own / today.name)
+    given = {**os.environ, cache.VARIABLE: str(own), "PYTHONPATH": str(cache.ROOT)}
     command = [sys.executable, "-c", FLY, str(folder / "found.json")]
-    done = subprocess.run(command, cwd=ROOT, env=given, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=cache.ROOT, env=given, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     return json.loads((folder / "found.json").read_text())
 
