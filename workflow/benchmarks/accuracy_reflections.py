@@ -1,6 +1,6 @@
 """Error of the light that a curved sail throws on itself, against rays per triangle and rings, and time of a trace.
 
-    python workflow/benchmarks/accuracy_reflections.py --scene workflow/scenes/fig4_reflections.yaml --tables si43.h5 \
+    python -m workflow.benchmarks.accuracy_reflections --scene workflow/scenes/fig4_reflections.yaml --tables si43.h5 \
         --out reflections.csv --markdown reflections.md
 
 The sail at rest in its first shape, at the offset of its release. Compared are the force of all light along and across

@@ -4,7 +4,7 @@ The baselines run in the same process: a plain compiled loop over the edges, and
 neighbours. Times are CPU times of one thread, the best of several; those by threads are wall times. Each effect that is
 off is timed in turn with a sail that has not what it needs.
 
-    python workflow/benchmarks/flight_speed.py --out flight_speed [--rings 30] [--largest 200] [--tables TE.h5 TM.h5]
+    python -m workflow.benchmarks.flight_speed --out flight_speed [--rings 30] [--largest 200] [--tables TE.h5 TM.h5]
 
 writes flight_speed.csv and flight_speed.png (the roofline).
 """
@@ -23,7 +23,6 @@ from typing import Any
 import matplotlib
 import numba
 import numpy as np
-from rows import seconds as best
 
 from beamrider.io.files import atomic, run_stage
 from dynamics.membrane.flight import Flight
@@ -33,6 +32,7 @@ from dynamics.membrane.stepping.step import run
 from dynamics.membrane.stepping.threads import sweep_all
 from dynamics.scene.schema import Scene, read_scene
 from optics.table.pressure_table import PressureTable
+from workflow.benchmarks.rows import seconds as best
 
 SCENES = Path(__file__).parents[1] / "scenes"
 #: How often flights that are compared are set up.

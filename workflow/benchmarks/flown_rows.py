@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from rows import write
 from scipy.interpolate import CubicSpline
 
 from beamrider.io.files import InputError, atomic
@@ -18,6 +17,7 @@ from dynamics.membrane.flight import Flight
 from dynamics.sail.sectors import load_tables
 from dynamics.scene.schema import Scene, read_scene
 from optics.table.pressure_table import PressureTable
+from workflow.benchmarks.rows import write
 
 Tables = dict[str, PressureTable]
 

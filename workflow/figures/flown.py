@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drawing import Floats, np, read_series
+import numpy as np
 
+from beamrider.arrays import Floats
 from beamrider.io.files import reading
 from beamrider.io.hdf5 import read_hdf5
 from dynamics.scene.schema import Scene
+from workflow.figures.drawing import read_series
 
 #: Share of its first breadth below which a sail counts as collapsed.
 NARROW = 0.5

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
-# The list of published flights lies beside this folder
-sys.path.append(str(Path(__file__).parents[1]))
-
-from drawing import BLUE, GREEN, ORANGE, PURPLE, RED, Floats, named, np, parser, plt, read_series, save
-from flown import Flown, outcome, read
+import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
-from published import Expected, PublishedFlight, read_published
-from snapshots import Snapshot
-from snapshots import read as read_snapshots
 
+from beamrider.arrays import Floats
 from beamrider.io.files import run_stage
+from workflow.figures.drawing import BLUE, GREEN, ORANGE, PURPLE, RED, named, parser, read_series, save
+from workflow.figures.flown import Flown, outcome, read
+from workflow.figures.snapshots import Snapshot
+from workflow.figures.snapshots import read as read_snapshots
+from workflow.published import Expected, PublishedFlight, read_published
 
 Columns = tuple[tuple[str, float, str | None], ...]
 

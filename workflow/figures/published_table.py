@@ -5,19 +5,16 @@ from __future__ import annotations
 import argparse
 import csv
 import html
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-# The list of published flights lies beside this folder
-sys.path.append(str(Path(__file__).parents[1]))
-
-from drawing import named, np
-from flown import Flown, events, number, outcome, read
-from published import Expected, PublishedFlight, Quantity, read_published
+import numpy as np
 
 from beamrider.io.files import atomic, run_stage
+from workflow.figures.drawing import named
+from workflow.figures.flown import Flown, events, number, outcome, read
+from workflow.published import Expected, PublishedFlight, Quantity, read_published
 
 
 class Row(NamedTuple):

@@ -14,7 +14,7 @@ from dynamics.scene.materials import MATERIALS
 from dynamics.scene.sail_schema import Sail
 from tests.synthetic import smooth_tables
 
-SCENES = Path(__file__).parents[2] / "workflow" / "scenes"
+SCENES = Path(__file__).parents[3] / "workflow" / "scenes"
 FIG6 = scenes.read_scene(SCENES / "fig6.yaml")
 NITRIDE = [{"from_deg": 0.0, "material": "nitride_te", "reflectance": 0.2}]
 

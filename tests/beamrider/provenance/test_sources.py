@@ -8,7 +8,7 @@ import pytest
 
 from beamrider.provenance.sources import sources
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 LISTED = """
 import runpy, sys
@@ -25,17 +25,14 @@ print("FILES", *sorted(inside))
 """
 
 
-@pytest.mark.parametrize("program", ["optics.modal", "dynamics.membrane", "workflow/figures/pressure.py"])
+@pytest.mark.parametrize("program", ["optics.modal", "dynamics.membrane", "workflow.figures.pressure"])
 def test_sources_are_what_python_loads(program):
-    run = f"runpy.run_path({program!r})" if program.endswith(".py") else (
-        f"import {program}.__main__"
-    )
-    path = f"import sys; sys.path[:0] = ['', {str(Path(program).parent)!r}]\n" if program.endswith(".py") else ""
+    loads = program if program.startswith("workflow") else f"{program}.__main__"
     output = subprocess.run(
-        [sys.executable, "-c", path + LISTED.format(run=run)], cwd=ROOT, capture_output=True, text=True, check=True
+        [sys.executable, "-c", LISTED.format(run=f"import {loads}")], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
     loaded = {name for line in output.splitlines() if line.startswith("FILES") for name in line.split()[1:]}
-    assert set(sources(program, ROOT)) == loaded | ({program} if program.endswith(".py") else set())
+    assert set(sources(program, ROOT)) == loaded
 
 
 def _write(root: Path, files: dict[str, str]) -> None:
@@ -62,7 +59,7 @@ def test_imports_of_main_count_for_the_program_alone(tmp_path):
 
 
 def test_a_program_that_is_not_there_is_named(tmp_path):
-    for start in ("nowhere", "a.nowhere", "nowhere.py"):
+    for start in ("nowhere", "a.nowhere"):
         _write(tmp_path, {"a/__init__.py": ""})
         with pytest.raises(FileNotFoundError, match=start):
             sources(start, tmp_path)

@@ -20,7 +20,7 @@ from dynamics.scene import schema as scene
 from optics.table.pressure_table import PressureTable
 from tests.synthetic import smooth_tables
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 FIG6 = scene.read_scene(ROOT / "workflow" / "scenes" / "fig6.yaml")
 TABLES = smooth_tables()
 MIRROR = [{"from_deg": 0.0, "material": "nitride_te", "reflectance": 0.6}]

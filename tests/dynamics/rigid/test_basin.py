@@ -13,7 +13,7 @@ from dynamics.rigid.stage import REASONS
 from dynamics.scene import schema as scene
 from tests.synthetic import smooth_tables
 
-FIG6 = scene.read_scene(Path(__file__).parents[2] / "workflow" / "scenes" / "fig6.yaml")
+FIG6 = scene.read_scene(Path(__file__).parents[3] / "workflow" / "scenes" / "fig6.yaml")
 TABLES = smooth_tables()
 GRID = Grid(offsets_m=[0.0, 0.1], n_offsets=2, tilts_deg=[-3.0, 3.0], n_tilts=3, duration_s=0.02)
 

@@ -9,8 +9,8 @@ import pytest
 from dynamics.light.intensity import LIGHT_SPEED
 from dynamics.membrane.flight import Flight, fly
 from dynamics.membrane.output.record import COLUMNS
+from tests.dynamics.test_light_on_sails import plain_film_table
 from tests.membranes import FILM, dark, film, steps
-from tests.physics.test_light_on_sails import plain_film_table
 
 WIDE = {"intensity_W_m2": 1e9, "radius_m": 1e4, "on_s": 1.0}
 COLD = {"emissivity_front": 0.0, "emissivity_back": 0.0, "conductivity_W_mK": 0.0}

@@ -13,7 +13,7 @@ from dynamics.membrane.effects.interface import slots
 from dynamics.sail import mesh, regions
 from dynamics.scene.schema import Scene, read_scene
 
-SCENE = read_scene(Path(__file__).parents[2] / "workflow" / "scenes" / "s3.yaml")
+SCENE = read_scene(Path(__file__).parents[3] / "workflow" / "scenes" / "s3.yaml")
 SAIL = SCENE.sail
 
 

@@ -22,7 +22,7 @@ from optics.table.normal_incidence import ERROR_SCALE
 from optics.table.pressure_table import PressureTable
 from tests.synthetic import smooth_tables
 
-FIG6 = scene.read_scene(Path(__file__).parents[2] / "workflow" / "scenes" / "fig6.yaml")
+FIG6 = scene.read_scene(Path(__file__).parents[3] / "workflow" / "scenes" / "fig6.yaml")
 TABLES = smooth_tables()
 
 

@@ -19,7 +19,7 @@ from optics.cells.schema import read_cell
 from optics.fdtd.grid import FdtdSettings
 from optics.fdtd.parts import Rows, read_rows, write_rows
 
-TE = read_cell(Path(__file__).parents[2] / "workflow/designs/mark1e_te.yaml")
+TE = read_cell(Path(__file__).parents[3] / "workflow/designs/mark1e_te.yaml")
 
 
 def written(path: Path) -> Path:

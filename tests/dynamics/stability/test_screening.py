@@ -14,7 +14,7 @@ from optics.table.pressure_table import PressureTable
 from tests.families import many_cells, many_members
 from tests.synthetic import smooth_tables
 
-FIG6 = scene.read_scene(Path(__file__).parents[2] / "workflow" / "scenes" / "fig6.yaml")
+FIG6 = scene.read_scene(Path(__file__).parents[3] / "workflow" / "scenes" / "fig6.yaml")
 
 
 def as_scene(member: pd.Series) -> scene.Scene:

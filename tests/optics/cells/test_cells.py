@@ -9,7 +9,7 @@ import yaml
 from beamrider.io.files import InputError
 from optics.cells.schema import read_cell, read_metagrating
 
-DESIGN = (Path(__file__).parents[2] / "workflow/designs/mark1e_te.yaml").read_text(encoding="utf-8")
+DESIGN = (Path(__file__).parents[3] / "workflow/designs/mark1e_te.yaml").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_missing_file_is_named(tmp_path):
 
 def test_film_is_no_grating():
     with pytest.raises(InputError, match="must be metagrating"):
-        read_metagrating(Path(__file__).parents[2] / "workflow/designs/si43.yaml")
+        read_metagrating(Path(__file__).parents[3] / "workflow/designs/si43.yaml")
 
 
 def test_derived_quantities(te, tm):

@@ -48,7 +48,7 @@ def sail(k=2e-6, **more):
 
 @pytest.mark.parametrize(("axis", "polarisation"), [("r", "s"), ("g", "p")])
 def test_without_ridges_it_is_the_film(axis, polarisation):
-    """Two averaged layers, so the film's mode of tmm: tests/physics/test_thick_layers.py."""
+    """Two averaged layers, so the film's mode of tmm: tests/optics/thin_film/test_thick_layers.py."""
     parts = [(120.0, 2.0, 0.0, True), (1e5, 1.5, 1e-6, False), (80.0, 1.8, 0.0, True), (2e4, 1.4, 1e-6, False)]
     plain = ThinFilm(
         kind="thin_film", name="film", wavelength_nm=1064.0, polarisation=polarisation,

@@ -20,7 +20,7 @@ from dynamics.scene.sail_schema import Sail
 from dynamics.scene.schema import read_scene
 from tests.membranes import FIG6, altered
 
-SCENES = Path(__file__).parents[2] / "workflow" / "scenes"
+SCENES = Path(__file__).parents[3] / "workflow" / "scenes"
 SILICON = {"from_deg": 0.0, "material": "silicon_43nm", "reflectance": 0.45}
 
 
