@@ -135,12 +135,12 @@ def elements(base: Scene, rings: int) -> list[tuple[str, float]]:
     net, film = (started(dark(base, rings, stiffness=kind), {}) for kind in ("van_gelder", "triangles"))
     m, w, x = net.model, net.work, net.state.x
     out, lists = np.empty_like(x), padded(net)
-    a = m.springs
+    a, free = m.effects.springs, w.effects.springs.free
     quickest = partial(best, repeats=REPEATS)
     still = rows.StepTimes(False, 0.0, 0.0, 0.0, 0.0)
     p, q = film.model, film.work
     return [
-        ("springs, plain loop over edges", quickest(lambda: over_edges(x, a.start, a.end, a.stiffness, w.free, out))),
+        ("springs, plain loop over edges", quickest(lambda: over_edges(x, a.start, a.end, a.stiffness, free, out))),
         ("springs, padded lists of neighbours", quickest(lambda: over_nodes(x, *lists, out))),
         ("springs, stencil", quickest(lambda: sweep_all(m.stencil, w.stencil, 0, still))),
         ("triangles, stencil", quickest(lambda: sweep_all(p.stencil, q.stencil, 0, still))),
