@@ -35,7 +35,8 @@ from optics.cells import LamellarStack, as_stack
 from optics.incidence import Complexes, Floats, electric_vector, order_cosines, polarisation_basis, stokes, wave_vector
 from optics.momentum import pressure
 from optics.scattering import NEGLIGIBLE, LayerModes, joints, scatter
-from optics.slanted import climb_steps, steps
+from optics.slabs import climb_slabs, slabs
+from optics.slanted import climb_steps, products, steps
 from optics.steps import ModalCell, Slanted
 from optics.stretch import Basis, Mesh, Stretch, basis, fourier_coefficients, mesh, stretch, toeplitz_matrix
 
@@ -315,7 +316,12 @@ def efficiencies(
     bottom: Complexes
     if stack.slanted:
         top, bottom = np.empty((v.size, 2, *source.shape[1:]), complex), np.empty_like(source)
-        climb_steps(steps(stack.slanted, order), u_m, v, front, blocks(rho, u_m, v), source, top, bottom)
+        joined = slabs(stack.slanted, order) if stack.slanted.holds(u, v) else None
+        around = front, blocks(rho, u_m, v), source, top, bottom
+        if joined:
+            climb_slabs(joined, u, v, *around)
+        else:
+            climb_steps(steps(stack.slanted, order), products(stack.slanted, order), u_m, v, *around)
     else:
         top, bottom = through_layers(stack, bases, starts, v, front, blocks(rho, u_m, v), source, negligible)
 
