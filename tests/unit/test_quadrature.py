@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from dynamics.attitude import rotation_from_angles
-from dynamics.kernels import rigid as kernel
-from dynamics.quadrature import beam_rules
+from dynamics.rigid import equations as kernel
+from dynamics.rigid.quadrature import beam_rules
+from dynamics.sail.attitude import rotation_from_angles
 
 RADIUS = 0.5
 SPANS = tuple((np.radians(a), np.radians(b)) for a, b in ((30, 150), (150, 210), (210, 330), (330, 390)))

@@ -1,0 +1,1 @@
+"""The laser beam: profile and pulse."""
