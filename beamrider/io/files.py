@@ -33,6 +33,8 @@ NonNegative = Annotated[float, Field(ge=0, le=1e30)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 # Part of the names of files: not of a folder above, nor a hidden one, nor an option of a command.
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=100)]
+#: The unit of numbers whose key names none; others, as 'steps', are given alike (`beamrider.schema`).
+DIMENSIONLESS: dict[str, Any] = {"unit": "1"}
 
 
 class Strict(BaseModel):
@@ -91,10 +93,13 @@ def read_mapping(path: str | Path) -> dict[Any, Any]:
     return data
 
 
-def validate(data: Any, model: type[Model], source: str | Path) -> Model:
-    """`data` as a `model`; InputError names `source`, the field, the value given and what is allowed."""
+def validate(data: Any, model: type[Model], source: str | Path, context: Mapping[str, Any] | None = None) -> Model:
+    """`data` as a `model`; InputError names `source`, the field, the value given and what is allowed.
+
+    context: what fields take from outside of themselves, see the model.
+    """
     try:
-        return model.model_validate(data)
+        return model.model_validate(data, context=context)
     except ValidationError as error:
         raise InputError(f"{source}: {describe(error.errors(include_url=False), data, model)}") from None
 

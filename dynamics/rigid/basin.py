@@ -24,7 +24,17 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from beamrider.arrays import Floats
-from beamrider.io.files import InputError, Number, Positive, Strict, progress, read_model, reading, versions
+from beamrider.io.files import (
+    DIMENSIONLESS,
+    InputError,
+    Number,
+    Positive,
+    Strict,
+    progress,
+    read_model,
+    reading,
+    versions,
+)
 from beamrider.io.hdf5 import new_hdf5, read_hdf5, real
 from beamrider.machine_code.notice import compiling
 from dynamics.rigid import integrator as kernel
@@ -38,7 +48,7 @@ from optics.table.pressure_table import PressureTable
 
 Tilt = Annotated[float, Field(gt=-90, lt=90)]
 Range = Annotated[list[Number], Field(min_length=2, max_length=2)]
-Count = Annotated[int, Field(ge=1, le=10_000)]
+Count = Annotated[int, Field(ge=1, le=10_000, json_schema_extra=DIMENSIONLESS)]
 TRIALS = 5  # flights whose time is taken
 COLUMNS = ("end_time", "end_code", "distance_max", "tilt_max", "steps")
 UNITS = {"end_time": "s", "end_code": "1", "distance_max": "m", "tilt_max": "rad", "steps": "1"}
@@ -48,19 +58,27 @@ class Grid(Strict):
     """Releases of a map: offsets along one direction from the axis, tilts of the normal towards another.
 
     Tilt t towards direction γ is pitch = t cos γ, roll = t sin γ; the paper's releases lie on both directions at 45°.
-    Negative offsets would repeat what negative tilts show. offsets_m: null for up to nine tenths of the radius of the
-    beam. limit_m: distance from the axis that counts as lost; null for the radius of the beam.
+    Negative offsets would repeat what negative tilts show.
     """
 
     offsets_m: Range | None = None
+    """First and last offset; null for up to nine tenths of the radius of the beam."""
     n_offsets: Count = 25
+    """Number of offsets."""
     tilts_deg: Range = [-8.0, 8.0]
+    """First and last tilt."""
     n_tilts: Count = 41
+    """Number of tilts."""
     offset_direction_deg: scenes.Rate = 45.0
+    """Direction of the offsets from x towards y."""
     tilt_direction_deg: scenes.Rate = 45.0
+    """Direction γ of the tilts."""
     duration_s: scenes.Duration = 5.0
-    tolerance: Annotated[float, Field(ge=1e-15, le=1e-2)] = 1e-9
+    """Time for which a bounded flight lasts."""
+    tolerance: Annotated[float, Field(ge=1e-15, le=1e-2, json_schema_extra=DIMENSIONLESS)] = 1e-9
+    """Error of a step, as in `rigid.tolerance` of a scene."""
     limit_m: Positive | None = None
+    """Distance from the axis that counts as lost; null for the radius of the beam."""
 
     def over(self, beam: scenes.Beam) -> Grid:
         """The grid with the offsets that suit a beam, where it leaves them open."""
