@@ -6,7 +6,6 @@ the page that lists every key.
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import json
 import sys
@@ -15,6 +14,7 @@ from typing import Annotated, Any
 
 from pydantic import Discriminator
 
+from beamrider.io.arguments import parser
 from beamrider.io.files import InputError, atomic, run_stage, take_out
 from beamrider.io.json_schema import json_schema
 from beamrider.io.reference import reference
@@ -67,12 +67,15 @@ def page() -> str:
     return "\n\n".join([PAGE.rstrip(), *(f"## {title}\n\n{where}\n\n{keys}" for title, where, keys in parts)]) + "\n"
 
 
+OPTIONS = {
+    "what": {"choices": [*FILES, "reference"], "help": "kind of file, or the reference page"},
+    "--out": {"help": "file to write instead of standard output"},
+}
+
+
 def main() -> None:
     """Write the JSON schema of a kind of file, for editors, or the reference page of all of them."""
-    parser = argparse.ArgumentParser(prog="python -m beamrider.schema", description=main.__doc__)
-    parser.add_argument("what", choices=[*FILES, "reference"], help="kind of file, or the reference page")
-    parser.add_argument("--out", help="file to write instead of standard output")
-    given = parser.parse_args()
+    given = parser("beamrider.schema", main.__doc__, OPTIONS).parse_args()
     of_page = given.what == "reference"
     text = page() if of_page else json.dumps(schema_of(given.what), indent=1, ensure_ascii=False) + "\n"
     if given.out is None:

@@ -10,11 +10,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import BeforeValidator, Field
 
 from beamrider.io.files import DIMENSIONLESS, InputError, Name, Strict, load_yaml, scalar, validate
-from dynamics.sail.attitude import rotation_from_angles
+from dynamics.sail.sectors import release_directions
 from dynamics.scene.schema import Scene, read_scene
 from optics.cells.schema import Cell, ThinFilm, read_cell
 
@@ -255,17 +254,11 @@ def _refuse_tilts(plan: Plan) -> None:
     for name in dict.fromkeys([*plan.config.rigid, *plan.config.flight]):
         scene = plan.scenes[name]
         gratings = [] if scene.outside_table == "clamp" else set(scene.sail.designs) & set(plan.gratings)
-        release = scene.release
-        tilt = rotation_from_angles(np.radians(release.roll_deg), np.radians(release.pitch_deg), 0.0)
-        for sector in scene.sail.sectors if scene.sail.profile == "flat" else ():
-            if sector.fixed is None:
-                continue
-            across = np.array(sector.fixed)
-            u, v = float(tilt[2, :2] @ across), float(tilt[2, :2] @ [-across[1], across[0]])
-            if sector.design in gratings and (abs(u) > grid.u_max or abs(v) > grid.v_max):
+        for design, u, v in release_directions(scene):
+            if design in gratings and (abs(u) > grid.u_max or abs(v) > grid.v_max):
                 raise InputError(
                     f"{SOURCE}: {key}: u_max = {grid.u_max:g}, v_max = {grid.v_max:g}: too small for the release "
-                    f"of scene '{name}', light from u = {u:.4g}, v = {v:.4g} on '{sector.design}'; widen it, tilt "
+                    f"of scene '{name}', light from u = {u:.4g}, v = {v:.4g} on '{design}'; widen it, tilt "
                     "less, or set outside_table: clamp"
                 )
 

@@ -28,6 +28,7 @@ from beamrider.io.files import (
     Positive,
     Stopwatch,
     Strict,
+    finish,
     read_model,
     run_stage,
     validate,
@@ -36,7 +37,6 @@ from beamrider.io.files import (
 from beamrider.io.parquet import write_parquet
 from beamrider.provenance.record import as_attribute
 from dynamics.sail.forecast import A_MADE_MEMBER, require_members
-from dynamics.scene.command_line import finish
 from dynamics.scene.schema import Scene, read_scene
 from optics.cells.schema import Metagrating, read_metagrating
 

@@ -263,13 +263,14 @@ def _refuse_other_code(script: Path) -> None:
         raise InputError(f"{script}: would compute with the modules of {ours}; set PYTHONPATH={own}")
 
 
-def run_stage(main: Callable[[], None]) -> None:
+def run_stage(main: Callable[[], None], program: str | None = None) -> None:
     """Run a stage's `main`; an InputError or a failing disk becomes one line on standard error and exit code 2.
 
-    Outputs that it was the only writer of are others' to write when it ends.
+    program: its name, as in `python -m name`, where that is not what runs. Outputs that it was the only writer of are
+    others' to write when it ends.
     """
     try:
-        said, code = _ended(main)  # with what was raised its bar of progress is gone from the line
+        said, code = _ended(main, program)  # with what was raised its bar of progress is gone from the line
         if code:
             print(said, file=sys.stderr)
             raise SystemExit(code)
@@ -277,11 +278,11 @@ def run_stage(main: Callable[[], None]) -> None:
         release()
 
 
-def _ended(main: Callable[[], None]) -> tuple[str, int]:
+def _ended(main: Callable[[], None], program: str | None) -> tuple[str, int]:
     """What is to be said of how a stage ended, and its exit code."""
     try:
         _refuse_other_code(Path(getattr(sys.modules["__main__"], "__file__", None) or "").resolve())
-        with made.by(main):
+        with made.by(main, program):
             main()
     except InputError as error:
         return f"error: {shortened(str(error))}", 2

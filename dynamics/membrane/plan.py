@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from beamrider.io.files import Strict, write_json
+from beamrider.io.arguments import stage_arguments
+from beamrider.io.files import Strict, finish, write_json
 from dynamics.sail.shapes import rim_slope
-from dynamics.scene.command_line import finish, stage_arguments
 from dynamics.scene.schema import Effects, Scene, read_scene
 
 EFFECTS = tuple(Effects.model_fields)

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from beamrider.io.files import InputError, write_json
+from beamrider.io.arguments import stage_arguments
+from beamrider.io.files import InputError, finish, write_json
 from beamrider.machine_code.notice import compiling
 from dynamics.membrane.flight import Flight
 from dynamics.membrane.output.flight_file import write_flight
@@ -24,7 +25,6 @@ from dynamics.membrane.release import check_tilt
 from dynamics.membrane.summary import attributes, errors_met
 from dynamics.sail.neglected import said
 from dynamics.sail.sectors import check_place, check_release, load_tables, require_own_polarisation
-from dynamics.scene.command_line import finish, stage_arguments
 from dynamics.scene.schema import read_scene
 
 

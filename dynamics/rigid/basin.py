@@ -24,12 +24,14 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from beamrider.arrays import Floats
+from beamrider.io.arguments import part_of, stage_arguments
 from beamrider.io.files import (
     DIMENSIONLESS,
     InputError,
     Number,
     Positive,
     Strict,
+    finish,
     progress,
     read_model,
     reading,
@@ -43,7 +45,6 @@ from dynamics.rigid.stage import REASONS, pace, terms_of
 from dynamics.sail.forecast import require_cells, say_basin
 from dynamics.sail.sectors import load_tables, provenance
 from dynamics.scene import schema as scenes
-from dynamics.scene.command_line import finish, stage_arguments
 from optics.table.pressure_table import PressureTable
 
 Tilt = Annotated[float, Field(gt=-90, lt=90)]
@@ -221,21 +222,10 @@ def _read_block(path: str | Path, key: str) -> Basin:
         return Basin(cells, columns, float(file.attrs["cpu_seconds"]))
 
 
-def _block(text: str | None) -> tuple[int, int]:
-    """'i/n' as (i, n)."""
-    try:
-        i, n = (int(part) for part in (text or "1/1").split("/"))
-    except ValueError:
-        i, n = 0, 0
-    if not 1 <= i <= n:
-        raise InputError(f"--block = {text}: must be i/n with 1 ≤ i ≤ n, for example 2/8")
-    return i, n
-
-
 OPTIONS: dict[str, dict[str, Any]] = {
     "--grid": {"help": "YAML file of the releases (default: 25 offsets by 41 tilts, 5 s)"},
     "--incidence": {"help": "instead of the scene's own", "choices": ["sail_frame", "yaw_blind"]},
-    "--block": {"help": "fly only block i of n, given as i/n"},
+    "--block": {"default": "1/1", "metavar": "I/N", "help": "fly only block i of n, as in 2/8"},
     "--parts": {"help": "files of all blocks, to be put together instead of flown", "nargs": "+"},
 }
 
@@ -251,7 +241,7 @@ def main() -> None:
     if arguments.parts:
         basin = merge(arguments.parts, scene, tables, grid)
     else:
-        block = _block(arguments.block)
+        block = part_of("--block", arguments.block)
         require_cells(grid.n_offsets * grid.n_tilts, block[1], arguments.grid or "--grid")
         with compiling("1 min"):
             basin = fly_cells(scene, tables, grid, block_cells(grid, block))

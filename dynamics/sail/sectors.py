@@ -12,7 +12,7 @@ r = n × g (along them), so that g × r = n:
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -164,20 +164,25 @@ def check_release(scene: scenes.Scene, tables: dict[str, PressureTable]) -> None
     if scene.outside_table == "clamp":
         return
     release = scene.release
-    turn = rotation_from_angles(np.radians(release.roll_deg), np.radians(release.pitch_deg), 0.0)
-    for sector in scene.sail.sectors:
-        if sector.design is None or isinstance(sector.g, str) or scene.sail.profile != "flat":
-            continue
-        along = np.array([-sector.g[1], sector.g[0]])
-        u, v = float(turn[2, :2] @ sector.g), float(turn[2, :2] @ along)
+    for design, u, v in release_directions(scene):
         try:
-            tables[sector.design].q(u, v)
+            tables[design].q(u, v)
         except OutsideTable:
             raise InputError(
                 f"{scene.name}.yaml: release.pitch_deg = {release.pitch_deg:g}, roll_deg = {release.roll_deg:g}: light "
-                f"from u = {u:.4g}, v = {v:.4g} is outside table '{sector.design}' "
-                f"(allowed {tables[sector.design].limits}); tilt less, make a wider table or set outside_table: clamp"
+                f"from u = {u:.4g}, v = {v:.4g} is outside table '{design}' (allowed {tables[design].limits}); tilt "
+                "less, make a wider table or set outside_table: clamp"
             ) from None
+
+
+def release_directions(scene: scenes.Scene) -> Iterator[tuple[str, float, float]]:
+    """Design and direction cosines u, v of the light, at release, of each sector of a flat sail that has a design."""
+    release = scene.release
+    turn = rotation_from_angles(np.radians(release.roll_deg), np.radians(release.pitch_deg), 0.0)
+    for sector in scene.sail.sectors if scene.sail.profile == "flat" else ():
+        if sector.design is not None and sector.fixed is not None:
+            along = np.array([-sector.fixed[1], sector.fixed[0]])
+            yield sector.design, float(turn[2, :2] @ sector.fixed), float(turn[2, :2] @ along)
 
 
 def check_place(scene: scenes.Scene, place: Floats) -> None:

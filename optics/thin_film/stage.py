@@ -17,15 +17,16 @@ from numba import guvectorize
 from numpy.typing import ArrayLike, NDArray
 
 from beamrider.arrays import Complexes, Floats
+from beamrider.io.arguments import table_arguments
 from beamrider.io.files import InputError, Stopwatch, versions
 from optics.cells.schema import ThinFilm, read_cell
 from optics.refinement.directions import refine
-from optics.table.command_line import check_range, table_arguments
 from optics.table.films import Film
 from optics.table.pressure_table import PressureTable
 from optics.table.promise import finish, promised
 from optics.thin_film.fringes import carries_waves, fringes
 from optics.waves import plane_stack as transfer
+from optics.waves.incidence import check_range
 
 P_SHARE = {"s": 0.0, "p": 1.0, "mean": 0.5}
 # A film is sampled from this many nodes on: a resonance as wide as half their distance cannot fall between them.
