@@ -342,7 +342,8 @@ def _solve_block(
     w = wave_vector(u, v, stack.front_index)[:, 2, None]
     light = np.array([1.0, 0.0, 0.0, 0.0])
     q, absorptance = pressure(
-        u[:, None], v[:, None], w, u_m[:, None], w_front[:, None], w_back[:, None], reflected, transmitted, light
+        u[:, None], v[:, None], w, u_m=u_m[:, None], w_front=w_front[:, None], w_back=w_back[:, None],
+        reflected=reflected, transmitted=transmitted, light=light,
     )
     s = stokes(u, v, electric_vector(u, v, axis, stack.front_index), stack.front_index)
     nominal = [np.einsum("ds,ds...->d...", s, part) for part in (q, absorptance, reflected, transmitted)]

@@ -31,8 +31,9 @@ from optics.refinement.forecast import MOST_MINUTES, announce, forecast, require
 from optics.refinement.narrow_resonances import FINER, are_there, enough_orders, refine_with_resonances
 from optics.refinement.regions import Refined, refine
 from optics.refinement.samples import Solve, start
+from optics.table.contents import PARITY, STOKES_PARITY, Cutoffs
 from optics.table.normal_incidence import ATTRIBUTE
-from optics.table.pressure_table import PARITY, STOKES_PARITY, Cutoffs, PressureTable
+from optics.table.pressure_table import PressureTable
 from optics.table.promise import finish, promised
 from optics.waves.incidence import check_range
 from optics.waves.incidence import cutoffs as rayleigh_cutoffs
@@ -154,8 +155,9 @@ def _sampled(chosen: Chosen, refined: Refined, tolerance: float) -> PressureTabl
     error, error_stokes = refined.errors + chosen.errors(found.u, found.v, nodes, _NEGLIGIBLE * tolerance)
     cutoffs = Cutoffs(found.curves, *apart(found.on_curves)) if len(found.curves) else None
     return PressureTable(
-        found.u, found.v, q, absorptance, error, True, False, {}, cutoffs, q_stokes, absorptance_stokes,
-        error_stokes, resonances=refined.resonances if refined.resonances.count else None,
+        found.u, found.v, q, absorptance, error, mirror_v=True, cutoffs=cutoffs, q_stokes=q_stokes,
+        absorptance_stokes=absorptance_stokes, error_stokes=error_stokes,
+        resonances=refined.resonances if refined.resonances.count else None,
     )
 
 
@@ -165,8 +167,9 @@ def _joined(found: Found) -> tuple[Chosen, PressureTable, tuple[str, ...]]:
     q, absorptance, q_stokes, absorptance_stokes = apart(found.nodes)
     cutoffs = Cutoffs(samples.curves, *apart(found.on_curves)) if len(samples.curves) else None
     table = PressureTable(
-        samples.u, samples.v, q, absorptance, found.error, True, False, {"between_nodes": "thick layers joined"},
-        cutoffs, q_stokes, absorptance_stokes, found.error_stokes, thick=found.thick,
+        samples.u, samples.v, q, absorptance, found.error, mirror_v=True,
+        attrs={"between_nodes": "thick layers joined"}, cutoffs=cutoffs, q_stokes=q_stokes,
+        absorptance_stokes=absorptance_stokes, error_stokes=found.error_stokes, thick=found.thick,
     )
     return found.chosen, table, found.reasons
 

@@ -191,8 +191,8 @@ def test_a_film_has_no_preferred_direction_in_its_plane(from_back):
 def test_light_from_the_back_is_light_on_the_reversed_film():
     index, thickness = random_stack(4, layers=5, back=1.5)
     u, v = np.array([0.0, 0.3, -0.5]), np.array([0.0, 0.7, 0.2])
-    back, _ = momentum(index, thickness, 1550.0, u, v, 1.0, from_back=True)
-    front, _ = momentum(index[::-1], thickness[::-1], 1550.0, u, v, 1.0)
+    back, _ = momentum(index, thickness, 1550.0, u, v, p_share=1.0, from_back=True)
+    front, _ = momentum(index[::-1], thickness[::-1], 1550.0, u, v, p_share=1.0)
     assert np.array_equal(back, front * [1, 1, -1])
     assert np.all(back[:, 2] < 0)
 

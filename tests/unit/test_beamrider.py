@@ -1,4 +1,4 @@
-"""The command `beamrider`: the programs that `python -m` runs, chosen by name, kind and ending; nothing taken in vain."""
+"""The command `beamrider`: the programs that `python -m` runs, chosen by name, kind and ending; none taken in vain."""
 
 import importlib
 import subprocess
@@ -20,7 +20,8 @@ GRATING, FILM = (str(ROOT / f"workflow/designs/{name}.yaml") for name in ("mark1
     [
         (["table", "--cell", GRATING], "optics.modal"), (["table", f"--cell={FILM}"], "optics.thin_film"),
         (["table", "--cell", "none.yaml"], "optics.modal"), (["table", "--help"], "optics.modal"),
-        (["table", "--cell", GRATING, "--solver", "fdtd"], "optics.fdtd"), (["table", "--solver=modal"], "optics.modal"),
+        (["table", "--cell", GRATING, "--solver", "fdtd"], "optics.fdtd"),
+        (["table", "--solver=modal"], "optics.modal"),
         (["fly", "--out", "f.h5"], "dynamics.rigid"), (["fly", "--out=f.vtkhdf"], "dynamics.membrane"),
         (["fly", "--out", "f.vtkhdf", "--rigid"], "dynamics.rigid"), (["fly", "--flexible"], "dynamics.membrane"),
         (["fly", "--out", "f", "--flexible"], "dynamics.membrane"), (["fly"], "dynamics.rigid"),

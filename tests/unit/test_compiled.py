@@ -61,7 +61,7 @@ def test_folders_with_links_to_a_checkout_share_its_machine_code(copy: Path, tmp
     before = {path: path.stat().st_mtime_ns for path in files(copy)}
     folder = tmp_path / "results here"
     folder.mkdir()
-    for name in ("optics", "dynamics"):
+    for name in ("beamrider", "optics", "dynamics"):
         (folder / name).symlink_to(copy / name)
     assert run(folder) == "2 1.0"
     assert files(folder) == []

@@ -35,7 +35,7 @@ SHORT = small(rings=4, flight={"duration_s": 2e-4, "spin_up_s": 1e-4, "optics_ev
 PEAK = """
 import re, sys, tempfile
 from pathlib import Path
-from dynamics.membrane import Flight
+from dynamics.membrane.flight import Flight
 from tests.membranes import FIG6, altered
 from tests.synthetic import smooth_tables
 scene = altered(FIG6, sail={"rings": int(sys.argv[1])}, flight=eval(sys.argv[2]))

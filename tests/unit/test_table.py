@@ -21,7 +21,8 @@ def _table(n=33, mirror=True):
     u = np.linspace(-0.4, 0.4, n) + 0.1 / n * np.sin(np.arange(n))
     v = np.linspace(0.0 if mirror else -0.4, 0.4, n)
     q, a = _smooth(*np.meshgrid(u, v, indexing="ij"))
-    return PressureTable(u, v, np.moveaxis(q, -1, 0), a, np.full(a.shape, 1e-6), mirror, attrs={"name": "smooth"})
+    attrs = {"name": "smooth"}
+    return PressureTable(u, v, np.moveaxis(q, -1, 0), a, np.full(a.shape, 1e-6), mirror_v=mirror, attrs=attrs)
 
 
 def _directions(count=2000, reach=0.38):
@@ -144,4 +145,4 @@ def test_truncated_foreign_and_edited_files_are_refused_with_the_reason(tmp_path
 def test_a_table_without_error_bars_is_refused():
     table = _table()
     with pytest.raises(InputError, match="error must be greater than 0"):
-        PressureTable(table.u, table.v, table.q_nodes, table.absorptance_nodes, 0 * table.error, True)
+        PressureTable(table.u, table.v, table.q_nodes, table.absorptance_nodes, 0 * table.error, mirror_v=True)

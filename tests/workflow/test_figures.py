@@ -16,7 +16,7 @@ from matplotlib.image import imread
 
 from beamrider.io.files import read_json, write_json
 from beamrider.io.parquet import write_parquet
-from dynamics.membrane import flight as membrane
+from dynamics.membrane import stage as membrane
 from dynamics.rigid import basin
 from dynamics.rigid import stage as rigid
 from dynamics.stability import floquet, maps
