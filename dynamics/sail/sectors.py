@@ -128,15 +128,16 @@ def sail_shape(sail: scenes.Sail) -> SailShape:
     return SailShape(sail.radius_m, tuple(shapes))
 
 
-def load_tables(paths: Iterable[str | Path], scene: scenes.Scene) -> dict[str, PressureTable]:
-    """The pressure table of each design of the scene, in the scene's order of designs.
+def load_tables(given: Iterable[str | Path | PressureTable], scene: scenes.Scene) -> dict[str, PressureTable]:
+    """The pressure table of each design of the scene, in the scene's order of designs, from files or as they are.
 
     A file belongs to the design its attribute `name` says. InputError when a file can't be read, belongs to no design
     of the scene, comes twice, was made for another wavelength than the others, or when a design has none.
     """
-    found: dict[str, tuple[Path, PressureTable]] = {}
-    for path in map(Path, paths):
-        table = PressureTable.read(path)
+    found: dict[str, tuple[str, PressureTable]] = {}
+    for one in given:
+        table = one if isinstance(one, PressureTable) else PressureTable.read(one)
+        path = "a table" if isinstance(one, PressureTable) else str(one)
         if table.name not in scene.sail.designs:
             allowed = ", ".join(scene.sail.designs) or "none: no sector has a design"
             raise InputError(
@@ -150,9 +151,9 @@ def load_tables(paths: Iterable[str | Path], scene: scenes.Scene) -> dict[str, P
     missing = [design for design in scene.sail.designs if design not in found]
     if missing:
         these = ", ".join(f"'{design}'" for design in missing)
-        given = ", ".join(f"'{name}' ({path})" for name, (path, _) in found.items()) or "none"
+        those = ", ".join(f"'{name}' ({path})" for name, (path, _) in found.items()) or "none"
         raise InputError(
-            f"{scene.name}.yaml: sail.sectors: no pressure table of design {these} (given: {given}); add its file to "
+            f"{scene.name}.yaml: sail.sectors: no pressure table of design {these} (given: {those}); add its file to "
             "--tables"
         )
     _one_wavelength(found)
@@ -196,7 +197,7 @@ def check_place(scene: scenes.Scene, place: Floats) -> None:
         )
 
 
-def _one_wavelength(found: dict[str, tuple[Path, PressureTable]]) -> None:
+def _one_wavelength(found: dict[str, tuple[str, PressureTable]]) -> None:
     """Refuse tables of different wavelengths: one beam lights the whole sail."""
     known = [(path, wavelength(table)) for path, table in found.values() if wavelength(table) is not None]
     for path, value in known[1:]:

@@ -38,6 +38,8 @@ from optics.table.promise import finish, promised
 from optics.waves.incidence import check_range
 from optics.waves.incidence import cutoffs as rayleigh_cutoffs
 
+#: What tables are made for where nothing else is asked for: error of q, largest direction cosines, those of 25°.
+TOLERANCE, U_MAX = 1e-4, 0.4227
 # Modes that reach the far side of their layer with less than this share of the tolerance are left out there.
 _NEGLIGIBLE, _NOISE = 1e-2, 1e-5
 _WIDE = 75  # orders from which on even choosing their number takes minutes
@@ -185,7 +187,7 @@ OPTIONS = {
 def main() -> None:
     """Command line: see the module docstring."""
     what = "Pressure table of a grating by the Fourier modal method"
-    arguments = table_arguments("optics.modal", what, 1e-4, 0.4227, options=OPTIONS)
+    arguments = table_arguments("optics.modal", what, TOLERANCE, U_MAX, options=OPTIONS)
     cell = read_grating(arguments.cell, arguments.wavelength_nm)
     check_range(cell.surroundings.front, arguments.u_max, arguments.v_max)
     with threadpool_limits(1), compiling("20 s, or a minute on thick layers") as spent:
