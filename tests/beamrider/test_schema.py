@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -155,3 +156,11 @@ def test_the_reference_page_is_that_of_the_schema():
     assert (ROOT / "docs/reference.md").read_text(encoding="utf-8") == page(), (
         "docs/reference.md is not that of the schema: beamrider schema reference --out docs/reference.md"
     )
+
+
+def test_links_of_the_reference_page_lead_somewhere():
+    text = (ROOT / "docs/reference.md").read_text(encoding="utf-8")
+    heads = {re.sub(r"[^a-z0-9 ]", "", head.lower()).replace(" ", "-") for head in re.findall("^#+ (.+)$", text, re.M)}
+    links = set(re.findall(r"\]\(#([^)]+)\)", text))
+    assert len(links) > 20
+    assert links <= heads
