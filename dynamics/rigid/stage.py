@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from beamrider.arrays import Floats
-from beamrider.io.files import Stopwatch, progress, versions
+from beamrider.io.arguments import stage_arguments
+from beamrider.io.files import Stopwatch, finish, progress, versions
 from beamrider.io.hdf5 import new_hdf5
 from beamrider.machine_code.notice import compiling
 from dynamics.light.beam import knots
@@ -31,7 +32,6 @@ from dynamics.sail.neglected import neglected, said
 from dynamics.sail.sectors import check_place, check_release, load_tables, provenance
 from dynamics.sail.table_error import TableErrors, rigid_errors
 from dynamics.scene import schema as scenes
-from dynamics.scene.command_line import finish, stage_arguments
 from optics.table.pressure_table import PressureTable
 
 REASONS = (

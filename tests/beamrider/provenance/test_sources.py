@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from beamrider.provenance.sources import sources
+from beamrider.provenance.sources import program, sources
 
 ROOT = Path(__file__).parents[3]
 
@@ -28,9 +28,8 @@ print("FILES", *sorted(inside))
 @pytest.mark.parametrize("program", ["optics.modal", "dynamics.membrane", "workflow.figures.pressure"])
 def test_sources_are_what_python_loads(program):
     loads = program if program.startswith("workflow") else f"{program}.__main__"
-    output = subprocess.run(
-        [sys.executable, "-c", LISTED.format(run=f"import {loads}")], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout
+    command = [sys.executable, "-c", LISTED.format(run=f"import {loads}")]
+    output = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     loaded = {name for line in output.splitlines() if line.startswith("FILES") for name in line.split()[1:]}
     assert set(sources(program, ROOT)) == loaded
 
@@ -63,3 +62,12 @@ def test_a_program_that_is_not_there_is_named(tmp_path):
         _write(tmp_path, {"a/__init__.py": ""})
         with pytest.raises(FileNotFoundError, match=start):
             sources(start, tmp_path)
+
+
+def test_text_below_fields_means_nothing(tmp_path):
+    body = "class A:\n    a: int = 1\n    {}b: str = 'c'\n"
+    digests = set()
+    for text in ("", "'what a is'\n    ", "'in other words'\n    "):
+        _write(tmp_path, {"a.py": body.format(text)})
+        digests.add(program("a", tmp_path).code)
+    assert len(digests) == 1
