@@ -13,9 +13,9 @@ import pytest
 
 from beamrider.io import resources as machine
 from beamrider.io.files import InputError, Stopwatch
+from dynamics.membrane import coarse_forecast
 from dynamics.membrane import flight as membrane
 from dynamics.membrane import forecast as flexible
-from dynamics.membrane import pace
 from dynamics.rigid import stage as rigid
 from dynamics.sail import forecast
 from dynamics.sail.mesh import sail_mesh
@@ -144,7 +144,7 @@ def test_steps_that_are_timed_leave_no_trace(tmp_path, monkeypatch):
     runs = []
     for timed in (True, False):
         if not timed:
-            monkeypatch.setattr(membrane, "paces", lambda flight: (1e-6, 1e-6))
+            monkeypatch.setattr(membrane, "step_seconds", lambda flight: (1e-6, 1e-6))
         flight = membrane.Flight(SHORT, smooth_tables(), tmp_path / str(timed))
         flight.fly()
         runs.append([array.copy() for _, array in flight._arrays()] + [np.array(flight.journal.rows)])
@@ -171,7 +171,7 @@ def test_the_time_of_a_flight_is_told_within_a_factor_of_two(tmp_path, monkeypat
     monkeypatch.setattr(Stopwatch, "seconds", Stopwatch.cpu_seconds)
     scene = altered(SHORT, flight={"duration_s": 0.02, "snapshot_every_s": 1.0})
     flight = membrane.Flight(scene, smooth_tables(), tmp_path / "a")
-    before, after = pace.paces(flight)
+    before, after = membrane.step_seconds(flight)
     watch = Stopwatch()
     told = before * flight.model.release + after * (flight.model.end - flight.model.release)
     while flight.step < flight.model.end:
@@ -230,17 +230,17 @@ def test_a_screening_says_first_what_it_takes(capsys):
     assert re.fullmatch(r"fig6: 380 members, 22\d MB of memory \(.* free\), about \S+ s", first)
 
 
-def test_a_fine_mesh_is_foreseen_from_a_coarse_one(tmp_path, monkeypatch, capsys):
+def test_a_fine_mesh_is_forecast_from_a_coarse_one(tmp_path, monkeypatch, capsys):
     """Its nodes to the last one, its steps within a tenth; what would take too long is refused before it is built."""
-    monkeypatch.setattr(pace, "FINE", 16)
-    monkeypatch.setattr(pace, "COARSE", 8)
+    monkeypatch.setattr(coarse_forecast, "FINE", 16)
+    monkeypatch.setattr(coarse_forecast, "COARSE", 8)
     scene = small(rings=20, flight={"duration_s": 2e-3, "spin_up_s": 1e-4, "heat_every": 8})
 
     def fly(coarse: Scene, folder: Path) -> membrane.Flight:
         assert coarse.sail.rings == 8
         return membrane.Flight(coarse, smooth_tables(), folder)
 
-    pace.foresee(scene, fly, tmp_path)
+    coarse_forecast.forecast_fine(scene, fly, tmp_path)
     said = re.match(r"fig6: ([\d,]+) nodes, ([\d,]+) steps", capsys.readouterr().err)
     model = membrane.Flight(scene, smooth_tables(), tmp_path / "fine").model
     count, steps = (int(text.replace(",", "")) for text in said.groups())
@@ -248,5 +248,5 @@ def test_a_fine_mesh_is_foreseen_from_a_coarse_one(tmp_path, monkeypatch, capsys
     assert steps == pytest.approx(model.end, rel=0.1)
     monkeypatch.setattr(forecast, "LONGEST", 1e-3)
     with pytest.raises(InputError, match=r"fig6.yaml: flight.duration_s = 0.002: would take .* on this machine \("):
-        pace.foresee(scene, fly, tmp_path)
-    pace.foresee(small(rings=15), fly, tmp_path)
+        coarse_forecast.forecast_fine(scene, fly, tmp_path)
+    coarse_forecast.forecast_fine(small(rings=15), fly, tmp_path)

@@ -119,10 +119,11 @@ def test_a_removed_triangle_may_turn_over(tmp_path: Path):
     flight = Flight(scene, smooth_tables(), tmp_path)
     flight.step = flight.model.release
     flight.state.x[1:] *= -1.0
-    flight.work.broken.gone[:], flight.work.sheet.modulus[:], flight.work.sheet.shear[:] = 1, 0.0, 0.0
+    sheet = flight.work.effects.sheet
+    flight.work.effects.tearing.gone[:], sheet.modulus[:], sheet.shear[:] = 1, 0.0, 0.0
     lay_out(flight.model, flight.work)
     assert flight.fly().reason == "finished"
-    assert flight.work.light.outside[0] == flight.columns()["power_incident"][0][-1] == 0.0
+    assert flight.work.effects.light.outside[0] == flight.columns()["power_incident"][0][-1] == 0.0
 
 
 @pytest.mark.parametrize("outside", ["stop", "clamp"])
@@ -130,7 +131,7 @@ def test_a_grating_lit_from_behind_leaves_its_table_even_where_directions_are_cl
     scene = small(outside_table=outside, flight={"duration_s": 2e-5})
     flight, reason = flown_turned_over(scene, smooth_tables(), tmp_path)
     assert reason == "left_table"
-    assert not normals(flight)[2, flight.work.light.outside[1]] > 0.0
+    assert not normals(flight)[2, flight.work.effects.light.outside[1]] > 0.0
 
 
 def test_the_end_names_the_triangle_lit_from_behind_not_one_clamped_before(tmp_path: Path):
@@ -141,7 +142,7 @@ def test_the_end_names_the_triangle_lit_from_behind_not_one_clamped_before(tmp_p
     folded = flight.membrane.mesh.triangles[-1]
     flight.state.x[:2, folded[[0, 1]]] = flight.state.x[:2, folded[[1, 0]]]
     assert flight.fly().reason == "left_table"
-    assert not normals(flight)[2, flight.work.light.outside[1]] > 0.0
+    assert not normals(flight)[2, flight.work.effects.light.outside[1]] > 0.0
 
 
 @pytest.mark.parametrize("outside", ["stop", "clamp"])

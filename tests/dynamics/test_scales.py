@@ -12,7 +12,7 @@ import yaml
 from beamrider.io.files import InputError
 from dynamics.membrane import flight as membrane
 from dynamics.membrane import summary
-from dynamics.membrane.build import spin_up_time
+from dynamics.membrane.effects.spin import spin_up_time
 from dynamics.membrane.flight import fly
 from dynamics.rigid import stage as rigid
 from dynamics.rigid.basin import Grid

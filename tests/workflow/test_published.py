@@ -18,7 +18,7 @@ from dynamics.membrane.build import build
 from dynamics.scene.schema import Scene, read_scene
 from tests.membranes import altered
 from tests.synthetic import smooth_tables
-from workflow.figures.flown import _widening
+from workflow.figures.flight_result import _widening
 from workflow.published import as_flown, read_published
 
 ROOT = Path(__file__).parents[2]

@@ -25,7 +25,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from beamrider.io.files import atomic, progress, run_stage
 from dynamics.membrane.build import build
 from dynamics.scene.schema import Scene
-from workflow.benchmarks.flown_rows import COROTATING, Run, Tables, changed, flown, write_flown
+from workflow.benchmarks.flight_rows import COROTATING, Run, Tables, changed, flown, write_rows
 
 mpl.use("Agg")
 
@@ -172,7 +172,7 @@ def draw(path: Path, found: list[Row], title: str) -> None:
 
 def main() -> None:
     """Measure and write."""
-    write_flown(__doc__, rows, markdown, draw)
+    write_rows(__doc__, rows, markdown, draw)
 
 
 if __name__ == "__main__":

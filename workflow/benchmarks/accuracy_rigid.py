@@ -27,7 +27,7 @@ from dynamics.rigid import stage as rigid
 from dynamics.scene.schema import Scene
 from dynamics.stability import floquet
 from optics.table.pressure_table import PressureTable
-from workflow.benchmarks.flown_rows import Tables, write_flown
+from workflow.benchmarks.flight_rows import Tables, write_rows
 
 mpl.use("Agg")
 
@@ -161,7 +161,7 @@ def draw(path: Path, found: list[Row], title: str) -> None:
 
 def main() -> None:
     """Measure and write."""
-    write_flown(__doc__, rows, markdown, draw)
+    write_rows(__doc__, rows, markdown, draw)
 
 
 if __name__ == "__main__":

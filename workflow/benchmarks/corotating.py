@@ -21,7 +21,7 @@ from beamrider.io.files import progress, run_stage
 from dynamics.membrane.build import build
 from dynamics.sail.sectors import load_tables
 from dynamics.scene.schema import Scene, read_scene
-from workflow.benchmarks.flown_rows import COROTATING, BeyondScheme, Run, Tables, changed, flown
+from workflow.benchmarks.flight_rows import COROTATING, BeyondScheme, Run, Tables, changed, flown
 from workflow.benchmarks.rows import write
 
 DURATION = 0.02

@@ -26,7 +26,7 @@ import numpy as np
 
 from beamrider.io.files import atomic, run_stage
 from dynamics.membrane.flight import Flight
-from dynamics.membrane.layout import rows as stencil
+from dynamics.membrane.layout import rows
 from dynamics.membrane.output.record import WIDTH
 from dynamics.membrane.stepping.step import run
 from dynamics.membrane.stepping.threads import sweep_all
@@ -78,7 +78,7 @@ def over_nodes(x: Any, neighbours: Any, k: Any, free: Any, force: Any) -> None:
 
 def padded(flight: Flight) -> tuple[Any, Any, Any]:
     """Neighbours, stiffness and free length (d, n) of every node; a node is its own neighbour where it has none."""
-    springs, n = flight.model.springs, flight.model.masses.size
+    springs, n = flight.model.effects.springs, flight.model.masses.size
     found: list[list[tuple[int, float, float]]] = [[] for _ in range(n)]
     for a, b, k, rest in zip(*(v.tolist() for v in springs[:4]), strict=True):
         found[a].append((b, k, rest))
@@ -135,12 +135,12 @@ def elements(base: Scene, rings: int) -> list[tuple[str, float]]:
     net, film = (started(dark(base, rings, stiffness=kind), {}) for kind in ("van_gelder", "triangles"))
     m, w, x = net.model, net.work, net.state.x
     out, lists = np.empty_like(x), padded(net)
-    a = m.springs
+    a, free = m.effects.springs, w.effects.springs.free
     quickest = partial(best, repeats=REPEATS)
-    still = stencil.Pace(False, 0.0, 0.0, 0.0, 0.0)
+    still = rows.StepTimes(False, 0.0, 0.0, 0.0, 0.0)
     p, q = film.model, film.work
     return [
-        ("springs, plain loop over edges", quickest(lambda: over_edges(x, a.start, a.end, a.stiffness, w.free, out))),
+        ("springs, plain loop over edges", quickest(lambda: over_edges(x, a.start, a.end, a.stiffness, free, out))),
         ("springs, padded lists of neighbours", quickest(lambda: over_nodes(x, *lists, out))),
         ("springs, stencil", quickest(lambda: sweep_all(m.stencil, w.stencil, 0, still))),
         ("triangles, stencil", quickest(lambda: sweep_all(p.stencil, q.stencil, 0, still))),

@@ -11,14 +11,13 @@ from scipy.sparse.linalg import eigsh
 
 from beamrider.io.files import InputError
 from dynamics.membrane import build as model
-from dynamics.membrane.effects import properties, thermal
+from dynamics.membrane.effects import properties
 from dynamics.membrane.flight import Flight, fly
 from dynamics.membrane.lattice import STABILITY, highest_frequency, lattice, sheet_matrix
-from dynamics.membrane.layout import rows as stencil
 from dynamics.membrane.plan import plan
 from dynamics.sail.mesh import sail_mesh
 from dynamics.scene.schema import Scene
-from tests.membranes import altered, dark, film, steps
+from tests.membranes import altered, column, dark, film, heating, steps
 
 SIGMA, AREAL, CAPACITY = 5.670374419e-8, 2700.0 * 400e-9, 800.0
 COLD = {"emissivity_front": 0.0, "emissivity_back": 0.0}
@@ -44,8 +43,8 @@ def test_a_mode_dies_out_as_kelvin_and_voigt_say(tmp_path: Path):
     square, mode = values[-1], (scale @ vectors[:, -1]).reshape(-1, 3).T
     flight.state.x[...] += 1e-8 * mode / np.abs(mode).max()
     rows = steps(flight, 400)
-    energy = rows[:, 30] + rows[:, 31]
-    time = rows[:, 0] - rows[0, 0]
+    energy = column(rows, "energy_kinetic") + column(rows, "energy_elastic")
+    time = column(rows, "time") - column(rows, "time")[0]
     period = round(2.0 * np.pi / np.sqrt(square) / flight.model.dt)
     # The energy falls in steps, twice a period: compare whole periods
     later = period * (len(time) // period) - 1
@@ -60,7 +59,8 @@ def test_damping_keeps_momentum_and_angular_momentum_and_takes_energy(tmp_path: 
     flight.state.x[2] = 1e-3 * (x**2 - y**2)
     flight.state.v[...] = [3.0 - 40.0 * y, -1.0 + 44.0 * x, 7.0 + 8.0 * x * y]
     rows = steps(flight, 3000)
-    momentum, angular, energy = rows[:, 4:7], rows[:, 16:19], rows[:, 30] + rows[:, 31]
+    momentum, angular = column(rows, "velocity"), column(rows, "angular_momentum")
+    energy = column(rows, "energy_kinetic") + column(rows, "energy_elastic")
     assert np.abs(momentum - momentum[0]).max() < 1e-12 * np.linalg.norm(momentum[0])
     assert np.abs(angular - angular[0]).max() < 1e-12 * np.linalg.norm(angular[0])
     assert energy[-1] < energy[0]
@@ -73,7 +73,7 @@ def test_a_sail_that_only_turns_is_not_braked(tmp_path: Path):
     x, y, _ = flight.state.x
     flight.state.v[...] = [5.0 - 700.0 * y, 700.0 * x, 2.0 + 0.0 * x]
     steps(flight, 0)
-    force = flight.work.damping.force
+    force = flight.work.effects.damping.force
     stretched = 700.0 * 1e-5 * 270e9 * 400e-9 * 0.1  # of a strain rate as large as the spin
     assert np.abs(force).max() < 1e-12 * stretched
 
@@ -96,7 +96,7 @@ def test_damping_shortens_the_longest_stable_step(tmp_path: Path, integrator: st
         flight = flight if share < 1 else longer(flight, share / 0.99)
         flight.state.x[...] += 1e-9 * np.random.default_rng(1).standard_normal(flight.state.x.shape)
         rows = steps(flight, 60)
-        assert (rows[-1, 31] > 2.0 * rows[0, 31]) == grows
+        assert (column(rows, "energy_elastic")[-1] > 2.0 * column(rows, "energy_elastic")[0]) == grows
 
 
 def longer(flight: Flight, factor: float) -> Flight:
@@ -111,7 +111,7 @@ def test_damping_that_is_off_leaves_every_bit_as_it_was():
     on = fly(damped(1e-7, **groups), {})[0]
     assert all(np.array_equal(a, b) for a, b in zip(plain.state, off.state, strict=True))
     assert not np.array_equal(plain.state.x, on.state.x)
-    assert plain.model.retardation.size == plain.work.damping.tension.size == 0
+    assert plain.model.effects.damping.time.size == plain.work.effects.damping.tension.size == 0
     assert not plan(damped(0.0))["damping"].on
 
 
@@ -218,8 +218,8 @@ def test_tables_that_say_the_plain_value_change_nothing():
         flights.append(fly(dark(4, sail={"sectors": sectors}, beam={"intensity_W_m2": 1e9},
                                 release={"spin_Hz": -120.0}, flight={"duration_s": 5e-4}), {})[0])
     (one, two) = flights
-    assert two.model.curves.capacity.region.size == 96
-    assert (two.model.curves.absorption.region >= 0).sum() == 48
+    assert two.model.effects.properties.capacity.region.size == 96
+    assert (two.model.effects.properties.absorption.region >= 0).sum() == 48
     assert np.allclose(one.state.temperature, two.state.temperature, rtol=1e-12)
     assert np.allclose(one.state.x, two.state.x, rtol=0, atol=1e-12)
 
@@ -234,13 +234,13 @@ def test_tables_of_an_effect_that_is_off_change_no_bit(effect: str):
     tabled = altered(scene, sail={"sectors": changing(names[effect], [[300.0, value], [400.0, 2.0 * value]])})
     one, two = fly(scene, {})[0], fly(tabled, {})[0]
     assert all(np.array_equal(a, b) for a, b in zip(one.state, two.state, strict=True))
-    assert all(curve.region.size == 0 for curve in two.model.curves[:5])
+    assert all(curve.region.size == 0 for curve in two.model.effects.properties[:5])
 
 
 def test_curves_are_linear_between_knots_and_constant_beyond(tmp_path: Path):
     table = [[200.0, 0.05], [400.0, 0.15], [1000.0, 0.3]]
     scene = dark(2, sail={"sectors": changing("emissivity_front", table)}, effects={"emission": True})
-    curve = Flight(scene, {}, tmp_path).model.curves.emission
+    curve = Flight(scene, {}, tmp_path).model.effects.properties.emission
     for kelvin in (100.0, 200.0, 333.0, 400.0, 800.0, 1000.0, 2000.0):
         want = np.interp(kelvin, *np.transpose(table)) + 0.1
         assert properties.at(curve, 7, kelvin) == pytest.approx(want, rel=1e-14)
@@ -282,8 +282,8 @@ def test_temperature_to_the_fourth_on_a_node_of_tiny_mass_is_refused_or_right(tm
     scene = thin(1500.0, duration_s=1e-3)
     flight = Flight(altered(scene, flight={"time_step_s": 4e-7}), {}, tmp_path / "short")
     rows = steps(flight, 200)
-    mean = rows[:, 27]
-    time = rows[:, 0] - rows[0, 0]
+    mean = column(rows, "temperature_mean")
+    time = column(rows, "time") - column(rows, "time")[0]
     rate = 4.0 * SIGMA * 0.2 * 1500.0**3 / (areal * CAPACITY)
     assert 0.2 < rate * flight.model.dt < 2.0
     assert np.all(np.diff(mean) < 0)
@@ -300,7 +300,7 @@ def test_the_bound_of_heat_is_that_of_its_explicit_steps(tmp_path: Path):
     quick = {**COLD, "conductivity_W_mK": 1e9}
     scene = dark(3, sail={"sectors": film(**quick)}, effects={"conduction": True, "expansion": False})
     heat = Flight(altered(scene, flight={"duration_s": 1e-6, "time_step_s": 1e-9, "heat_every": 1}), {}, tmp_path)
-    mesh, m = heat.membrane.mesh, heat.model.heat
+    mesh, m = heat.membrane.mesh, heat.model.effects.heat
     rate = 2.0 * np.bincount(mesh.edges.ravel(), np.repeat(m.conductance, 2)) * m.per_capacity
     limit = 2.0 / rate.max()
     scene = altered(scene, flight={"duration_s": 1e-6})
@@ -311,12 +311,6 @@ def test_the_bound_of_heat_is_that_of_its_explicit_steps(tmp_path: Path):
         flight = flight if calms else longer(flight, factor / 0.999)
         flight.state.temperature[:] += np.random.default_rng(4).standard_normal(flight.state.temperature.size)
         before = np.ptp(flight.state.temperature)
-        work = flight.work
         for _ in range(200):
-            thermal.rates(
-                m, work.heat, flight.model.springs, flight.model.triangles.corners,
-                stencil.patch(work.stencil.scratch, 0), flight.state.x, flight.state.temperature,
-                work.light.absorbed, 0.0,
-            )
-            flight.state.temperature[:] += flight.model.dt * work.heat.rate
+            flight.state.temperature[:] += flight.model.dt * heating(flight)
         assert (np.ptp(flight.state.temperature) < before) == calms

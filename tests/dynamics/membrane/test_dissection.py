@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import csr_matrix, diags, kron
 from scipy.sparse.linalg import spsolve
 
-from dynamics.membrane.stepping.dissection import solve
+from dynamics.membrane.stepping.dissection import solve_factorised
 from dynamics.membrane.stepping.dissection_setup import dissect, factorise, solution_space
 from dynamics.sail.mesh import Mesh, sail_mesh
 from tests.membranes import small
@@ -32,7 +32,7 @@ def test_solution_is_that_of_a_sparse_solver(rings: int, unknowns: int):
     values = rng.standard_normal(matrix.shape[0])
     expected = spsolve(matrix.tocsc(), values)
     factor = factorise(matrix, found.nodes[:, :2])
-    solve(factor, solution_space(factor), values)
+    solve_factorised(factor, solution_space(factor), values)
     assert np.abs(values - expected).max() < 1e-12 * np.abs(expected).max()
 
 

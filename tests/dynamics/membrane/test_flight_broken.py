@@ -91,4 +91,4 @@ def test_what_is_left_of_the_sail_can_be_cut_out_by_failed(tmp_path: Path):
     left.SetThresholdFunction(vtkThreshold.THRESHOLD_LOWER)
     left.SetLowerThreshold(0.5)
     left.UpdateTimeStep(list(flight.frames())[-1].time)
-    assert left.GetOutput().GetNumberOfCells() == 216 - int(flight.work.broken.gone.sum())
+    assert left.GetOutput().GetNumberOfCells() == 216 - int(flight.work.effects.tearing.gone.sum())

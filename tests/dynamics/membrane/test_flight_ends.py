@@ -78,7 +78,7 @@ def test_a_tilt_outside_the_table_ends_the_flight_or_is_clamped():
     assert "u = " in end.detail
     flight, end, series = fly(small(outside_table="clamp", **SHORT), narrow)
     assert end.reason == "finished"
-    assert flight.work.light.outside[0] == series["outside_table"][-1] > 0
+    assert flight.work.effects.light.outside[0] == series["outside_table"][-1] > 0
 
 
 def test_light_from_behind_leaves_the_table(tmp_path: Path):
@@ -149,8 +149,8 @@ def test_what_is_off_has_no_arrays(tmp_path: Path):
     flight = Flight(dark(effects={"tensile_failure": False, "expansion": False}), {}, tmp_path)
     sizes = {name: array.size for name, array in leaves(flight.work)}
     assert all(size <= 3 for name, size in sizes.items() if name.startswith(("light.", "heat.", "stage.")))
-    assert flight.model.springs.stretch.size == flight.model.springs.expansion.size == 0
-    assert flight.model.light.tables.numbers.size == flight.state.temperature.size == 0
+    assert flight.model.effects.springs.stretch.size == flight.model.effects.springs.expansion.size == 0
+    assert flight.model.effects.light.tables.numbers.size == flight.state.temperature.size == 0
 
 
 # Repetition

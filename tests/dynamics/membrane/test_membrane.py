@@ -9,25 +9,18 @@ from scipy.sparse.linalg import lsqr
 
 from dynamics.light.intensity import LIGHT_SPEED
 from dynamics.membrane import lattice
-from dynamics.membrane.effects import light_pressure as optical
-from dynamics.membrane.effects import thermal
+from dynamics.membrane.effects import light_pressure
 from dynamics.membrane.flight import Flight, fly
-from dynamics.membrane.layout import rows as stencil
 from dynamics.membrane.output.record import COLUMNS
 from dynamics.rigid import stage as rigid
 from dynamics.rigid.body import rigid_body
 from dynamics.sail.attitude import rotation_from_angles
 from dynamics.sail.mesh import sail_mesh
 from dynamics.scene.schema import Scene
-from tests.membranes import FIG6, altered, dark, film, small, steps
+from tests.membranes import FIG6, altered, column, dark, film, heating, small, steps
 from tests.synthetic import smooth_tables
 
 TABLES = smooth_tables()
-
-
-def column(rows: np.ndarray, name: str, width: int = 1) -> np.ndarray:
-    values = rows[:, COLUMNS[name] : COLUMNS[name] + width]
-    return values[:, 0] if width == 1 else values
 
 
 def swinging(tmp_path: Path, integrator: str, dt: float) -> Flight:
@@ -46,7 +39,7 @@ def swinging(tmp_path: Path, integrator: str, dt: float) -> Flight:
 def test_free_flight_conserves_momentum_and_angular_momentum(tmp_path: Path, integrator: str):
     flight = swinging(tmp_path, integrator, 2e-6)
     rows = steps(flight, 3000)
-    momentum, angular = column(rows, "velocity", 3), column(rows, "angular_momentum", 3)
+    momentum, angular = column(rows, "velocity"), column(rows, "angular_momentum")
     assert np.abs(momentum - momentum[0]).max() < 1e-12 * np.linalg.norm(momentum[0])
     tolerance = 1e-12 if integrator != "rk4" else 1e-9  # Runge–Kutta keeps quadratic invariants to its order only
     assert np.abs(angular - angular[0]).max() < tolerance * np.linalg.norm(angular[0])
@@ -132,7 +125,7 @@ def test_uniform_spin_up_falls_short_by_the_stretching():
     """dL/dt = I(t) α: with I = I₀(1 + κΩ²) the rate ends at αt(1 + κΩ²/3)/(1 + κΩ²)."""
     flight, _, series = fly(spinning(spin_up_gain=1.0, time_step_s=1e-6), {})
     start = np.flatnonzero(series["time"] == 0.0)[0]
-    spin = flight.model.spin_up
+    spin = flight.model.effects.spin_up
     ideal = spin.acceleration * spin.steps * flight.model.dt / (2 * np.pi)
     rest = flight.model.masses @ (flight.model.rest[:2] ** 2).sum(axis=0)
     rows = flight.state.x[:2] - (flight.state.x[:2] @ flight.model.masses / flight.model.masses.sum())[:, None]
@@ -193,13 +186,9 @@ def test_temperature_ends_at_radiative_equilibrium():
 def test_conduction_moves_heat_without_making_any_and_spares_linear_fields(tmp_path: Path):
     scene = dark(6, effects={"conduction": True}, sail={"sectors": film(emissivity_front=0.0, emissivity_back=0.0)})
     flight = Flight(scene, {}, tmp_path)
-    m, work = flight.model, flight.work
+    m = flight.model
     flight.state.temperature[:] = 300.0 + m.rest[0] * 50.0 - m.rest[1] * 20.0
-    thermal.rates(
-        m.heat, work.heat, m.springs, m.triangles.corners, stencil.patch(work.stencil.scratch, 0), flight.state.x,
-        flight.state.temperature, work.light.absorbed, 0.0,
-    )
-    flow = work.heat.rate / m.heat.per_capacity
+    flow = heating(flight) / m.effects.heat.per_capacity
     inner = np.hypot(*m.rest[:2]) < 0.49
     assert np.abs(flow[inner]).max() < 1e-13 * np.abs(flow).max()
     assert abs(flow.sum()) < 1e-13 * np.abs(flow).max()
@@ -263,7 +252,8 @@ def test_force_and_torque_are_those_of_the_rigid_sail(tmp_path: Path, incidence:
         turn = rotation_from_angles(0.03, -0.02, 0.9)
         force, torque, _ = rigid_body(scene, TABLES).load(np.array([0.05, -0.03, 0.0]), turn)
         off = np.concatenate([
-            (row[35:38] - force) / np.linalg.norm(force), (row[38:41] - turn @ torque) / np.linalg.norm(torque)
+            (column(row, "force") - force) / np.linalg.norm(force),
+            (column(row, "torque") - turn @ torque) / np.linalg.norm(torque),
         ])
         errors.append(np.abs(off).max())
     assert errors[1] < 0.002
@@ -281,8 +271,8 @@ def test_both_incidence_models_agree_without_yaw_and_differ_with_it(tmp_path: Pa
 
 def held_forces(flight: Flight, x: np.ndarray) -> np.ndarray:
     """Forces (3, t) of the held light with the nodes at x (3, n)."""
-    light, layout, held = flight.model.light, flight.model.stencil, flight.work.stencil.held
-    return np.array([optical.force(light, layout, held, x, i) for i in range(light.corners.shape[1])]).T
+    light, layout, held = flight.model.effects.light, flight.model.stencil, flight.work.stencil.held
+    return np.array([light_pressure.force(light, layout, held, x, i) for i in range(light.corners.shape[1])]).T
 
 
 def test_a_held_force_turns_with_its_triangle(tmp_path: Path):

@@ -18,5 +18,5 @@ def test_a_node_takes_less_than_a_kilobyte(tmp_path: Path, lit: bool):
     off = {} if lit else {"beam": {"intensity_W_m2": 0.0}, "effects": dict.fromkeys(names, False)}
     scene = altered(FIG6, **{"sail": {"rings": 60}, "flight": {"time_step_s": 1e-8}, **off})
     flight = Flight(scene, smooth_tables(), tmp_path)
-    assert all(flight.membrane.effects[name].on == lit for name in names)
+    assert all(flight.membrane.plan[name].on == lit for name in names)
     assert flight.memory / flight.model.masses.size < (1000.0 if lit else 750.0)

@@ -134,9 +134,9 @@ def test_each_material_fails_at_its_own_temperature():
         runaway(), sail={"sectors": [weak, strong], "rings": 5, "rotation_deg": 0.0}, flight={"on_failure": "record"},
     )
     model = build(scene, {}).model
-    assert set(model.heat.limit[build(scene, {}).mesh.sector == 0]) == {600.0}
-    assert set(model.heat.limit[build(scene, {}).mesh.sector == 1]) == {1e5}
-    assert model.heat.lowest == 600.0
+    assert set(model.effects.heat.limit[build(scene, {}).mesh.sector == 0]) == {600.0}
+    assert set(model.effects.heat.limit[build(scene, {}).mesh.sector == 1]) == {1e5}
+    assert model.effects.heat.lowest == 600.0
 
 
 def test_smooth_tables_absorb_what_their_materials_do():

@@ -153,7 +153,7 @@ def test_an_ideal_mirror_turns_the_field_as_a_conductor_does():
 def test_at_normal_incidence_polarisation_makes_no_difference(tmp_path: Path, tables: dict[str, PressureTable]):
     _, row = tracked(tmp_path, tables, "glassy", 33.0, rings=3)
     flight, mean = tracked(tmp_path, tables, "glassy", 33.0, rings=3, reflections={"polarisation": "mean"})
-    assert flight.model.mirror.kind.size == 0
+    assert flight.model.effects.reflections.kind.size == 0
     assert np.allclose(force(row), force(mean), rtol=0.0, atol=1e-12 * force(mean)[2])
     absorbed = COLUMNS["power_absorbed"]
     assert row[absorbed] == pytest.approx(mean[absorbed], rel=1e-12)
@@ -173,7 +173,7 @@ def test_a_right_angle_tells_s_from_p(tmp_path: Path, tables: dict[str, Pressure
     for degrees, s in ((90.0, 1.0), (0.0, 0.0), (45.0, 0.5), (120.0, 0.75)):
         flight, row = tracked(tmp_path, tables, design, degrees, sail=FACES, rings=3, shape=folded)
         power, p = row[COLUMNS["power_incident"]], 1.0 - s
-        left = flight.work.mirror.account[reflections.LEAVES]
+        left = flight.work.effects.reflections.account[reflections.LEAVES]
         assert left == pytest.approx((s * r_s**2 + p * r_p**2) * power, rel=1e-6)
         lost = s * a[0] * (1.0 + r_s) + p * a[1] * (1.0 + r_p)
         assert row[COLUMNS["power_absorbed"]] == pytest.approx(lost * power, rel=1e-6)
@@ -192,7 +192,7 @@ def test_a_paraboloid_keeps_s_and_p_apart(tmp_path: Path, tables: dict[str, Pres
         flight, row = tracked(
             tmp_path, tables, "glassy", 40.0, sail=BOWL, rings=24, reflections={"polarisation": kind, "rays_a_side": 2},
         )
-        left[kind] = flight.work.mirror.account[reflections.LEAVES] / row[COLUMNS["power_incident"]]
+        left[kind] = flight.work.effects.reflections.account[reflections.LEAVES] / row[COLUMNS["power_incident"]]
     f, rim = 0.5 / (4 * 1.4), flight.model.rest[:2].max()
     r = rim * np.sqrt((np.arange(4000) + 0.5) / 4000)  # of equal areas
 
@@ -215,7 +215,8 @@ def crumpled(x: np.ndarray) -> np.ndarray:
 def test_no_polarised_power_is_lost_or_made(tmp_path: Path, tables: dict[str, PressureTable]):
     """Incident = absorbed + passed through + leaving + given up, to rounding, on a crumpled bowl."""
     flight, row = tracked(tmp_path, tables, "glassy", 20.0, sail=BOWL, rings=5, shape=crumpled)
-    account, normal, power = flight.work.mirror.account, normals(flight), flight.work.light.incident
+    account, normal = flight.work.effects.reflections.account, normals(flight)
+    power = flight.work.effects.light.incident
     shares = np.empty((2, power.size))
     for i in range(power.size):
         field = np.array([[np.cos(np.radians(20.0)), np.sin(np.radians(20.0)), 0.0], [0.0, 0.0, 0.0]])
@@ -235,7 +236,7 @@ def test_the_force_is_what_polarised_light_loses_in_momentum(tmp_path: Path, tab
         tmp_path, tables, "metal", 20.0, sail=BOWL, rings=5, shape=crumpled,
         reflections={"bounces": 500, "cutoff": 0.0},
     )
-    account = flight.work.mirror.account
+    account = flight.work.effects.reflections.account
     given = np.array([0.0, 0.0, row[COLUMNS["power_incident"]] / LIGHT_SPEED])
     leaving = account[reflections.MOMENTUM : reflections.MOMENTUM + 3]
     assert np.abs(force(row) - (given - leaving)).max() < 1e-6 * given[2]
@@ -283,7 +284,8 @@ def test_nothing_changes_when_sail_and_field_turn_together(tmp_path: Path, table
 def test_a_turning_field_is_where_its_rate_takes_it(tmp_path: Path, tables: dict[str, PressureTable]):
     turning = {"polarisation": "turning", "polarisation_Hz": -135.0}
     flight, _ = tracked(tmp_path, tables, "glassy", 10.0, rings=2, beam=turning)
-    angles = [polarisation.azimuth(flight.model.mirror.polariser, flight.state.x, t) for t in (0.0, 1e-3, 2e-3)]
+    polariser = flight.model.effects.reflections.polariser
+    angles = [polarisation.azimuth(polariser, flight.state.x, t) for t in (0.0, 1e-3, 2e-3)]
     assert angles[0] == pytest.approx(np.radians(10.0))
     assert [b - a for a, b in pairwise(angles)] == pytest.approx([-2.0 * np.pi * 0.135] * 2)
 

@@ -31,7 +31,7 @@ def test_the_tree_finds_what_asking_every_triangle_finds(tmp_path: Path):
     flight, _ = lit(tmp_path, sail=BOWL)
     m, random = flight.model, np.random.default_rng(5)
     x = np.ascontiguousarray(m.rest + 0.1 * random.standard_normal(m.rest.shape))
-    w = flight.work.mirror
+    w = flight.work.effects.reflections
     tree.refit(m.mirror.tree, x, m.light.corners, w.boxes)
     hits, none = 0, np.empty(0, np.int64)
     for k in range(400):
@@ -54,7 +54,7 @@ def test_the_tree_finds_what_asking_every_triangle_finds(tmp_path: Path):
 def test_no_power_is_lost_or_made(tmp_path: Path, rays: int):
     """Incident = absorbed + passed through + leaving + given up, to rounding."""
     flight, row = lit(tmp_path, sail=BOWL, reflections={"rays_a_side": rays})
-    account, incident = flight.work.mirror.account, row[COLUMNS["power_incident"]]
+    account, incident = flight.work.effects.reflections.account, row[COLUMNS["power_incident"]]
     through = (1.0 - 0.6 - 0.1) * incident + account[reflections.THROUGH]
     absorbed = 0.1 * incident + account[reflections.ABSORBED]
     left = account[reflections.LEAVES] + account[reflections.GIVEN_UP]
@@ -71,7 +71,7 @@ def test_the_force_is_what_the_light_loses_in_momentum(tmp_path: Path):
         tmp_path, sail={**BOWL, "sectors": film(reflectance=0.9, absorptance=0.1)}, rings=5,
         shape=lambda x: x + 0.02 * random.standard_normal(x.shape), reflections={"bounces": 500, "cutoff": 0.0},
     )
-    account = flight.work.mirror.account
+    account = flight.work.effects.reflections.account
     leaving = account[reflections.MOMENTUM : reflections.MOMENTUM + 3]
     given = np.array([0.0, 0.0, row[COLUMNS["power_incident"]] / LIGHT_SPEED])
     assert account[reflections.GIVEN_UP] < 1e-18 * row[COLUMNS["power_incident"]]
@@ -86,7 +86,7 @@ def test_a_right_angle_sends_light_back_where_it_came_from(tmp_path: Path):
     sail = {"outline": "square", "sectors": film(reflectance=0.9, absorptance=0.1)}
     flight, row = lit(tmp_path, sail=sail, rings=4, effects={"reflections": True}, shape=folded)
     power = row[COLUMNS["power_incident"]]
-    assert flight.work.mirror.account[reflections.HITS] == 128
+    assert flight.work.effects.reflections.account[reflections.HITS] == 128
     assert power == pytest.approx(1e9 / np.sqrt(2.0), rel=1e-7)
     assert row[COLUMNS["power_reflected"]] == pytest.approx(0.81 * power, rel=1e-12)
     assert np.allclose(force(row), [0.0, 0.0, 1.81 * power / LIGHT_SPEED], rtol=1e-12, atol=1e-12)
@@ -101,7 +101,7 @@ def test_backs_of_mirrors_reflect_like_their_fronts(tmp_path: Path):
 
     sail = {"outline": "square", "sectors": film(reflectance=0.9, absorptance=0.1)}
     flight, row = lit(tmp_path, sail=sail, rings=4, effects={"reflections": True}, shape=closed)
-    power, account = row[COLUMNS["power_incident"]], flight.work.mirror.account
+    power, account = row[COLUMNS["power_incident"]], flight.work.effects.reflections.account
     # Off the slope along +x, back off the upright part along −x, then off the slope again along −z
     assert account[reflections.LEAVES] == pytest.approx(0.9**3 * power, rel=1e-12)
     assert np.allclose(force(row), [0.0, 0.0, (1 + 0.9**3) * power / LIGHT_SPEED], rtol=1e-9, atol=1e-9)
@@ -113,12 +113,12 @@ def test_rays_of_a_paraboloid_meet_the_sail_once_more_and_leave_along_the_axis(t
     off = []
     for rings in (8, 16, 32):
         flight, _ = lit(tmp_path, sail={**BOWL, "sectors": opaque}, rings=rings)
-        account = flight.work.mirror.account
+        account = flight.work.effects.reflections.account
         rim = flight.model.rest[:2].max()
         f = 0.5 / (4 * 1.4)
         inner = 4 * f**2 / rim  # rays from further in pass the rim
         area = np.pi * np.array([inner**2, rim**2 - inner**2]) * 1e9
-        slope = flight.work.light.incident.sum() / area.sum()
+        slope = flight.work.effects.light.incident.sum() / area.sum()
         assert slope == pytest.approx(1.0, abs=0.03)
         want = 0.9 * area[0] + 0.81 * area[1]
         off.append(abs(account[reflections.LEAVES] / want - 1.0))
@@ -146,7 +146,8 @@ def test_a_film_s_table_gives_its_reflectance_and_absorptance_at_every_angle(tmp
     for degrees in (0.0, 30.0, 45.0, 60.0, 70.0, 80.0):
         want = solve(SILICON, np.array([np.sin(np.radians(degrees))]))
         got = reflections.response(
-            flight.model.mirror, flight.model.light, flight.work.light.absorptance, 0, np.cos(np.radians(degrees))
+            flight.model.effects.reflections, flight.model.effects.light, flight.work.effects.light.absorptance, 0,
+            np.cos(np.radians(degrees)),
         )
         assert got[0] == pytest.approx(float(want.reflectance[0]), abs=1e-5)
         assert got[1] == pytest.approx(float(want.absorptance[0]), rel=1e-4)
@@ -168,7 +169,7 @@ def test_gratings_are_not_traced():
 def test_only_steep_reflecting_sails_call_for_reflections(tmp_path: Path, sail: dict[str, Any], on: bool):
     scene = dark(2, sail={"sectors": film(), **sail}, beam=WIDE)
     assert plan(scene)["reflections"].on == on
-    assert (Flight(scene, {}, tmp_path).model.mirror.kind.size > 0) == on
+    assert (Flight(scene, {}, tmp_path).model.effects.reflections.kind.size > 0) == on
 
 
 def test_reflections_that_hit_nothing_leave_every_bit_as_it_was():
@@ -181,6 +182,6 @@ def test_reflections_that_hit_nothing_leave_every_bit_as_it_was():
 def test_shallow_and_steep_sails_feel_the_closed_form_of_their_first_reflection(tmp_path: Path):
     """F = Σ (P/c)(2R (k·n) n + a k) over the triangles where reflections are off."""
     flight, row = lit(tmp_path, sail=BOWL, effects={"reflections": False})
-    normal, power = normals(flight), flight.work.light.incident
+    normal, power = normals(flight), flight.work.effects.light.incident
     want = (power / LIGHT_SPEED * (2 * 0.6 * normal[2] * normal + 0.1 * np.array([[0.0], [0.0], [1.0]]))).sum(axis=1)
     assert np.allclose(force(row), want, rtol=1e-12, atol=1e-12 * want[2])

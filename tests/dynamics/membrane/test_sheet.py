@@ -14,16 +14,26 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from dynamics.membrane import lattice
 from dynamics.membrane.build import build
-from dynamics.membrane.effects import tearing, thermal
+from dynamics.membrane.effects import tearing
 from dynamics.membrane.flight import Flight, fly
-from dynamics.membrane.layout import rows as stencil
-from dynamics.membrane.output.record import WIDTH
+from dynamics.membrane.output.record import COLUMNS, WIDTH
 from dynamics.membrane.stepping.step import run
 from dynamics.membrane.strains import strains
 from dynamics.sail.mesh import Mesh, sail_mesh
 from dynamics.scene.materials import MATERIALS
 from dynamics.scene.schema import Scene
-from tests.membranes import DRUM_MODES, FIG6, altered, dark, drum_mode, film, stencil_forces, steps, tensions
+from tests.membranes import (
+    DRUM_MODES,
+    FIG6,
+    altered,
+    dark,
+    drum_mode,
+    film,
+    heating,
+    stencil_forces,
+    steps,
+    tensions,
+)
 from tests.synthetic import smooth_tables
 
 YOUNG, POISSON, DENSITY, THICKNESS, RADIUS = 270e9, 0.27, 2700.0, 400e-9, 0.5
@@ -286,7 +296,7 @@ def test_run_is_the_same_to_the_bit(tmp_path: Path):
 
 def pieces(flight: Flight) -> int:
     """Connected parts of what is left of a sail."""
-    mesh, left = flight.membrane.mesh, flight.work.broken.gone == 0
+    mesh, left = flight.membrane.mesh, flight.work.effects.tearing.gone == 0
     pairs = mesh.edges[np.unique(mesh.triangle_edges[left])]
     ones, n = np.ones(len(pairs)), len(mesh.nodes)
     _, label = connected_components(csr_matrix((ones, pairs.T), shape=(n, n)), directed=False)
@@ -301,9 +311,10 @@ def test_a_sail_torn_in_two_flies_on_in_two_pieces(tmp_path: Path):
     flight.state.v[0] = 900.0 * np.sign(np.round(x[0], 9))
     momentum = flight.model.masses @ flight.state.v[0]
     rows = steps(flight, 400)
-    energy = rows[:, 30] + rows[:, 31]
+    energy = rows[:, COLUMNS["energy_kinetic"]] + rows[:, COLUMNS["energy_elastic"]]
     assert pieces(flight) >= 2
-    assert flight.work.broken.tally[0] == flight.work.broken.gone.sum() == rows[-1, 46] > 10
+    broken = flight.work.effects.tearing
+    assert broken.tally[0] == broken.gone.sum() == rows[-1, COLUMNS["failed_tensile"]] > 10
     assert np.all(np.diff(energy) < 2e-3 * energy[0])
     assert energy[-1] < energy[0]
     assert abs(flight.model.masses @ flight.state.v[0] - momentum) < 1e-12 * 900.0 * flight.model.masses.sum()
@@ -334,7 +345,7 @@ def test_what_burns_is_removed_and_takes_no_more_light():
     )
     flight, end, series = fly(scene, {})
     assert end.reason == "finished"
-    gone = flight.work.broken.gone == 1
+    gone = flight.work.effects.tearing.gone == 1
     assert np.array_equal(gone, flight.membrane.mesh.sector == 0)
     assert series["failed_thermal"][-1] == gone.sum() == 48
     assert series["power_absorbed"][-1] == 0.0
@@ -346,7 +357,7 @@ def test_a_sail_of_which_nothing_is_left_is_broken_not_lost_in_numbers():
     scene = dark(2, sail={"sectors": film(strength_Pa=1e5)}, release={"spin_Hz": -120.0}, flight=flight)
     flown, end, series = fly(scene, {})
     assert end.reason == "broken"
-    assert flown.work.broken.gone.mean() > 0.9
+    assert flown.work.effects.tearing.gone.mean() > 0.9
     assert all(np.isfinite(values).all() for values in series.values())
 
 
@@ -359,25 +370,22 @@ def test_half_a_strip_conducts_half_as_much(tmp_path: Path):
     )
     flight = Flight(scene, {}, tmp_path)
     model, work, state = flight.model, flight.work, flight.state
+    own, now = model.effects, work.effects
     state.temperature[...] = 400.0 + 100.0 * model.rest[0]
-    capacity, left = 1.0 / model.heat.per_capacity, model.rest[0] < -1e-9
+    capacity, left = 1.0 / own.heat.per_capacity, model.rest[0] < -1e-9
 
     def flow() -> float:
         """W into the half x < 0, which touches x = 0 along edges only."""
-        thermal.rates(
-            model.heat, work.heat, model.springs, model.triangles.corners, stencil.patch(work.stencil.scratch, 0),
-            state.x, state.temperature, work.light.absorbed, 0.0,
-        )
-        return float(np.sum((capacity * work.heat.rate)[left]))
+        return float(np.sum((capacity * heating(flight))[left]))
 
     breadth = np.ptp(model.rest[1])
     assert flow() == pytest.approx(3.0 * 400e-9 * breadth * 100.0, rel=1e-12)
     for half, share in ((1.0, 0.5), (-1.0, 0.0)):
-        work.sheet.limit[half * model.rest[1][model.triangles.corners].mean(axis=0) > 0.0] = -1.0
+        now.sheet.limit[half * model.rest[1][model.triangles.corners].mean(axis=0) > 0.0] = -1.0
         tearing.tear(
-            work.broken, model.sheet, work.sheet, work.heat, work.light, model.stencil, work.stencil, model.springs,
+            now.tearing, own.sheet, now.sheet, now.heat, now.light, model.stencil, work.stencil, own.springs,
             model.triangles.corners, state.x, 0.0,
         )
         assert flow() == pytest.approx(share * 3.0 * 400e-9 * breadth * 100.0, rel=1e-12)
-    assert work.broken.gone.all()
-    assert not work.heat.conductance.any()
+    assert now.tearing.gone.all()
+    assert not now.heat.conductance.any()

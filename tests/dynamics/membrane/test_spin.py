@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from dynamics.membrane.effects.spin import foresee
+from dynamics.membrane.effects.spin import extrapolate
 
 
 @pytest.mark.parametrize("time", [1e-6, 1e-3, 1.0])
-def test_a_sail_that_turns_and_flies_like_a_rigid_one_is_foreseen_to_rounding(time: float):
+def test_a_sail_that_turns_and_flies_like_a_rigid_one_is_extrapolated_to_rounding(time: float):
     """Turning about z through the centre of mass while that flies straight on, any masses, any angle."""
     rng = np.random.default_rng(0)
     masses, x = rng.uniform(0.1, 1.0, 50), rng.standard_normal((3, 50))
@@ -16,7 +16,7 @@ def test_a_sail_that_turns_and_flies_like_a_rigid_one_is_foreseen_to_rounding(ti
     across = np.array([[0.0, -rate, 0.0], [rate, 0.0, 0.0], [0.0, 0.0, 0.0]])
     v = velocity[:, None] + across @ (x - centre)
     found = np.empty_like(x)
-    foresee(masses, x, v, time, found)
+    extrapolate(masses, x, v, time, found)
     c, s = np.cos(rate * time), np.sin(rate * time)
     turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ (x - centre)
     # The rate comes from sums: an angle of hundreds of turns is as uncertain as its rounding

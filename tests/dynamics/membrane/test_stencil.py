@@ -10,7 +10,7 @@ import pytest
 from dynamics.membrane import flight as membrane
 from dynamics.membrane.effects import failure, sheet
 from dynamics.membrane.flight import Flight
-from dynamics.membrane.layout import rows as stencil
+from dynamics.membrane.layout import rows
 from dynamics.membrane.layout.sweep import add_up
 from dynamics.membrane.row_layout import scratch_space
 from dynamics.membrane.stepping.threads import dismiss
@@ -79,7 +79,7 @@ def test_held_light_pushes_each_node_as_its_triangles_are_pushed(tmp_path: Path,
     m, w, rng = flight.model, flight.work, np.random.default_rng(0)
     x = m.rest + 1e-2 * rng.standard_normal(m.rest.shape)
     held = rng.standard_normal((m.triangles.masses.size, 3))
-    stencil.hold(m.stencil, held, 0, 0, len(held), w.stencil.held)
+    rows.hold(m.stencil, held, 0, 0, len(held), w.stencil.held)
     pulled, pushed, total = stencil_forces(flight, x)[0], stencil_forces(flight, x, 0.7)[0], np.zeros(3)
     add_up(w.stencil.scratch.sums[0], total)
     a, b, c = x.T[flight.membrane.mesh.triangles].transpose(1, 0, 2)

@@ -9,6 +9,7 @@ import pytest
 from beamrider.io.files import InputError
 from dynamics.membrane import build as model
 from dynamics.membrane import lattice
+from dynamics.membrane.effects.interface import slots
 from dynamics.sail import mesh, regions
 from dynamics.scene.schema import Scene, read_scene
 
@@ -145,7 +146,7 @@ def test_a_time_step_above_the_bound_is_refused_in_one_line():
 
 def test_slots_list_every_edge_of_every_node_once():
     m = meshed(3)
-    ends = model.slots(m.edges.ravel(), len(m.nodes), np.arange(m.edges.size), m.edges.size)
+    ends = slots(m.edges.ravel(), len(m.nodes), np.arange(m.edges.size), m.edges.size)
     for node in range(len(m.nodes)):
         found = ends[:, node][ends[:, node] < m.edges.size]
         assert sorted(found) == sorted(np.flatnonzero(m.edges.ravel() == node))

@@ -25,7 +25,7 @@ _KNOWN = ("finished", "fly_away", "tensile_failure", "thermal_failure", "left_ta
 
 
 @dataclass(frozen=True)
-class Flown:
+class FlightResult:
     """A flight: series since the start, attributes of the end, the scene, breadth (k,) at the times (k,) of frames.
 
     breadth: the second of the three singular values of the nodes about their mean, relative to that at release. A sail
@@ -45,7 +45,7 @@ class Flown:
         return {name: values[chosen] for name, values in self.series.items()} if chosen.any() else self.series
 
 
-def read(path: Path) -> Flown:
+def read(path: Path) -> FlightResult:
     """A flight file."""
     series = read_series(path)
     with reading(path, "a readable flight"), read_hdf5(path) as file:
@@ -56,7 +56,7 @@ def read(path: Path) -> Flown:
         chosen = chosen[:: max(1, chosen.size // 250)]
         breadth = np.array([_breadth(grid["Points"][starts[i] : starts[i] + n]) for i in chosen])
     scene = Scene.model_validate(json.loads(end["scene"]))
-    return Flown(series, end, scene, times[chosen], breadth / breadth[0])
+    return FlightResult(series, end, scene, times[chosen], breadth / breadth[0])
 
 
 def _breadth(points: Floats) -> float:
@@ -64,7 +64,7 @@ def _breadth(points: Floats) -> float:
     return float(np.sqrt(max(np.linalg.eigvalsh(centred.T @ centred)[1], 0.0)))
 
 
-def events(flown: Flown) -> dict[str, float]:
+def events(flown: FlightResult) -> dict[str, float]:
     """Outcomes with their times in s, in order of time; empty for a sail that rides the beam to the end."""
     found, series, reason = {}, flown.released, str(flown.end["end_reason"])
     away = np.flatnonzero(np.hypot(*series["position"][:, :2].T) > flown.scene.beam.radius_m)
@@ -99,7 +99,7 @@ def _widening(distance: Floats, radius: float) -> int | None:
     return int(np.flatnonzero(distance > WIDER * most[0])[0])
 
 
-def outcome(flown: Flown) -> str:
+def outcome(flown: FlightResult) -> str:
     """The events in words, with times."""
     found = events(flown)
     last = f"{flown.series['time'][-1]:.3g} s"
@@ -108,13 +108,13 @@ def outcome(flown: Flown) -> str:
     return ", ".join(f"{name} at {time:.3g} s" for name, time in found.items())
 
 
-def tilt(flown: Flown) -> Floats:
+def tilt(flown: FlightResult) -> Floats:
     """The larger of |pitch| and |roll| in degrees since release."""
     series = flown.released
     return np.degrees(np.maximum(np.abs(series["pitch"]), np.abs(series["roll"])))
 
 
-def number(flown: Flown, quantity: str, at: float | None) -> float:
+def number(flown: FlightResult, quantity: str, at: float | None) -> float:
     """A quantity of workflow/published.yaml, NaN where the flight does not have it."""
     series = flown.released
     if at is not None:

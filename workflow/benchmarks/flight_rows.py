@@ -94,7 +94,7 @@ def _set(text: str, scene: Scene) -> tuple[str, Tables]:
     return name, load_tables(files.split(","), scene)
 
 
-def write_flown(
+def write_rows(
     description: str | None,
     rows: Callable[[Scene, dict[str, Tables]], Iterable[Any]],
     markdown: Callable[[list[Any]], str],

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from beamrider.io.files import InputError
-from dynamics.membrane.flight import Flight, paces
+from dynamics.membrane.flight import Flight, step_seconds
 from dynamics.membrane.forecast import require_series, say_flexible
 from dynamics.sail.forecast import nodes
 from dynamics.scene.schema import Scene
@@ -25,7 +25,7 @@ def _coarse(scene: Scene) -> Scene:
     return scene.model_copy(update={"flight": flight, "sail": sail})
 
 
-def foresee(scene: Scene, fly: Callable[[Scene, Path], Flight], folder: Path) -> None:
+def forecast_fine(scene: Scene, fly: Callable[[Scene, Path], Flight], folder: Path) -> None:
     """Forecast of a flight on a fine mesh before that is built, from one on a coarse mesh that `fly` sets up.
 
     Nothing for other meshes, nor where the coarse one cannot fly. InputError as in
@@ -38,7 +38,7 @@ def foresee(scene: Scene, fly: Callable[[Scene, Path], Flight], folder: Path) ->
             flight = fly(_coarse(scene), Path(place))
         except InputError:
             return
-        _, after = paces(flight)
+        _, after = step_seconds(flight)
     model, finer = flight.model, scene.sail.rings / COARSE
     same = scene.flight.integrator == "corotating"
     dt = scene.flight.time_step_s or (model.dt if same else model.dt / finer)
