@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from beamrider.arrays import Floats
-from beamrider.io.files import Stopwatch, progress, versions
+from beamrider.io.arguments import stage_arguments
+from beamrider.io.files import Stopwatch, finish, progress, versions
 from beamrider.io.hdf5 import new_hdf5
 from beamrider.machine_code.notice import compiling
 from dynamics.light.beam import knots
@@ -31,7 +32,6 @@ from dynamics.sail.neglected import neglected, said
 from dynamics.sail.sectors import check_place, check_release, load_tables, provenance
 from dynamics.sail.table_error import TableErrors, rigid_errors
 from dynamics.scene import schema as scenes
-from dynamics.scene.command_line import finish, stage_arguments
 from optics.table.pressure_table import PressureTable
 
 REASONS = (
@@ -126,7 +126,7 @@ def fly(
         state[: kernel.MOTION] = np.asarray(start, float) / body.units.state[: kernel.MOTION]
     terms = terms_of(scene, body.units)
     work = kernel.start(state, terms.rows.size)
-    steps, seconds = pace(body, terms, work)
+    steps, seconds = step_seconds(body, terms, work)
     say_rigid(scene, rows, steps, seconds)
     _integrate(body, terms, work, scene.name)
     times, states = _rows(terms, work)
@@ -152,7 +152,7 @@ def terms_of(scene: scenes.Scene, units: Units) -> kernel.Terms:
     )
 
 
-def pace(body: RigidBody, terms: kernel.Terms, work: kernel.Work) -> tuple[float, float]:
+def step_seconds(body: RigidBody, terms: kernel.Terms, work: kernel.Work) -> tuple[float, float]:
     """Steps and wall time in s that a flight would take which went on as it begins, with everything compiled."""
     copies: list[Any] = [array.copy() for array in work]
     trial = kernel.Work(*copies)._replace(states=work.states[:0])

@@ -18,13 +18,13 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from beamrider.arrays import Complexes, Floats
-from beamrider.io.files import InputError, versions, write_json
+from beamrider.io.arguments import stage_arguments
+from beamrider.io.files import InputError, finish, versions, write_json
 from beamrider.machine_code.notice import compiling
 from dynamics.rigid.body import rigid_body
 from dynamics.sail.sectors import load_tables, provenance, require_own_polarisation
 from dynamics.sail.table_error import missed, said_missed
 from dynamics.scene import schema as scenes
-from dynamics.scene.command_line import finish, stage_arguments
 from dynamics.stability.derivatives import COLUMNS, ROWS, error_modes, imbalance, linearise
 from dynamics.stability.linear import RESOLUTION, LinearModel, growth, margin
 from optics.table.normal_incidence import table_response

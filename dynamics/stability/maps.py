@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from beamrider.arrays import Floats
-from beamrider.io.files import InputError, versions
+from beamrider.io.arguments import stage_arguments
+from beamrider.io.files import InputError, finish, versions
 from beamrider.io.hdf5 import new_hdf5
 from beamrider.machine_code.notice import compiling
 from dynamics.rigid.body import RigidBody, rigid_body
@@ -25,7 +26,6 @@ from dynamics.sail.attitude import rotation_from_angles
 from dynamics.sail.sectors import load_tables, provenance
 from dynamics.sail.table_error import TableErrors, rigid_errors
 from dynamics.scene import schema as scenes
-from dynamics.scene.command_line import finish, stage_arguments
 from optics.table.pressure_table import PressureTable
 
 SHIFT = np.linspace(-0.4, 0.4, 81)

@@ -11,7 +11,6 @@ derivatives, and the rank among survivors.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,13 +18,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from beamrider.arrays import Floats
-from beamrider.io.files import InputError, Stopwatch, progress, take_out
+from beamrider.io.arguments import parser
+from beamrider.io.files import InputError, Stopwatch, finish, progress, take_out
 from beamrider.io.parquet import read_parquet, rows_of, write_parquet
 from beamrider.provenance.record import as_attribute
 from dynamics.light.intensity import LIGHT_SPEED
 from dynamics.sail.forecast import require_members, say_members
 from dynamics.scene import schema as scenes
-from dynamics.scene.command_line import finish
 from dynamics.stability.derivatives import Moments, derivatives, moments
 from dynamics.stability.linear import RESOLUTION, LinearModel, growth, margin
 
@@ -196,17 +195,20 @@ def read_columns(paths: list[str]) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
+OPTIONS = {
+    "--scene": {"required": True, "help": "YAML file of the base scene"},
+    "--members": {"required": True, "help": "Parquet file of the members"},
+    "--cells": {"required": True, "nargs": "+", "help": "responses of the cells, from optics.local"},
+    "--by": {"choices": MEASURES, "default": "margin_1_s", "help": "what survivors are ranked by"},
+    "--at-least": {"nargs": "*", "choices": MEASURES, "default": [], "help": "no worse than the base in these"},
+    "--out": {"required": True, "help": "Parquet file to write"},
+}
+
+
 def main() -> None:
     """Screen the members of a family."""
     watch = Stopwatch()
-    parser = argparse.ArgumentParser(prog="python -m dynamics.screening", description=main.__doc__)
-    parser.add_argument("--scene", required=True, help="YAML file of the base scene")
-    parser.add_argument("--members", required=True, help="Parquet file of the members")
-    parser.add_argument("--cells", required=True, nargs="+", help="responses of the cells, from optics.local")
-    parser.add_argument("--by", choices=MEASURES, default="margin_1_s", help="what survivors are ranked by")
-    parser.add_argument("--at-least", nargs="*", choices=MEASURES, default=[], help="no worse than the base in these")
-    parser.add_argument("--out", required=True, help="Parquet file to write")
-    given = parser.parse_args()
+    given = parser("dynamics.screening", main.__doc__, OPTIONS).parse_args()
     take_out(given.out)
     members, cells = read_columns([given.members]), read_columns(given.cells)
     screened = rank(screen(scenes.read_scene(given.scene), members, cells), given.by, given.at_least)

@@ -132,7 +132,7 @@ def _fit(cell: Slanted, of: Steps, by: Products, ends: NDArray[np.int64], order:
     in_v = chebvander(y, 2 * n_v - 1)
     per_u, found = np.linalg.inv(chebvander(x, n_u - 1)), []
     for values, part in ((even, 0), (odd, 1)):
-        per = np.asarray(np.kron(per_u, np.linalg.inv(in_v[:, part::2])), np.float64)
+        per = np.asarray(np.kron(per_u, np.linalg.inv(in_v[:, part::2])), float)
         c = _sum(per, values.reshape(n_u * n_v, -1))
         found.append(np.ascontiguousarray(np.swapaxes(c.reshape(n_u * n_v, *values.shape[2:]), 0, 1)))
     return Slabs(cell.reach, terms, *found)
