@@ -36,6 +36,7 @@ from dynamics.kernels.integrators import State
 from dynamics.kernels.step import run
 from dynamics.kernels.triangles import Patch
 from dynamics.lattice import Floats, per_triangle
+from dynamics.light.pointing import from_beam
 from dynamics.mesh import sail_mesh
 from dynamics.mesh_checks import check_shadow
 from dynamics.model import Membrane, build
@@ -362,6 +363,9 @@ def errors_met(flight: Flight, tables: dict[str, PressureTable]) -> TableErrors:
     """What the tables' stated errors come to on the way of a flight, in its snapshots from the release on."""
     n, mesh = flight.model.masses.size, flight.membrane.mesh
     points = [numbers[1 : 1 + 3 * n].reshape(n, 3) for numbers in flight.journal.frames if numbers[0] >= 0.0]
+    if flight.model.light.wander.periods.size > 0:
+        times = [float(numbers[0]) for numbers in flight.journal.frames if numbers[0] >= 0.0]
+        points = [from_beam(flight.model.light.wander, t, one) for t, one in zip(times, points, strict=True)]
     return membrane_errors(flight.membrane.scene, tables, mesh, points)
 
 

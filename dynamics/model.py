@@ -39,6 +39,7 @@ from dynamics.lattice import (
     sheet_modulus,
     stiffness_matrix,
 )
+from dynamics.light.spots import pack
 from dynamics.mesh import Integers, Mesh, sail_mesh
 from dynamics.mesh_checks import check_mesh
 from dynamics.plan import Effect, plan
@@ -53,6 +54,8 @@ Plan = dict[str, Effect]
 
 #: Share of the stability bound that is taken as time step when the scene gives none; tension stiffens a spinning sail.
 MARGIN = 0.8
+#: Updates of the held light to the shortest period of the beam's jitter: it then lags by less than 1 % of it.
+HOLDS = 16
 INTEGRATORS = {
     "semi_implicit_euler": integrators.SEMI_IMPLICIT_EULER, "verlet": integrators.VERLET, "rk4": integrators.RK4,
     "corotating": integrators.VERLET,
@@ -192,7 +195,8 @@ def _light(
         absorptance=_if(on, absorptance),
         reflectance=_if(on, np.array([r.reflectance or 0.0 for r in regions])[mesh.sector]),
         tables=_tables([tables[design].arrays(nearest) for design in scene.sail.designs] if on else [], nearest),
-        ranges=_ranges(scene, mesh), intensity=scene.beam.intensity_W_m2, radius=scene.beam.radius_m,
+        ranges=_ranges(scene, mesh), intensity=scene.beam.intensity_W_m2, profile=pack(scene.beam.spots, 3.0),
+        wander=scene.beam.wander,
         delay=scene.beam.delay_s, rise=scene.beam.rise_s, on=scene.beam.on_s,
         yaw_blind=scene.incidence == "yaw_blind", clamp=scene.outside_table == "clamp",
     )
@@ -274,6 +278,22 @@ def time_step(scene: Scene, mesh: Mesh, lat: Lattice) -> float:
     return flight.time_step_s
 
 
+def _check_wander(scene: Scene, dt: float) -> None:
+    """InputError where the held light is too old to follow the beam, or is that of light along z alone."""
+    pointing, hold = scene.beam.pointing, scene.flight.optics_every * dt
+    for key, noise in (("jitter_m", pointing.jitter_m), ("jitter_deg", pointing.jitter_deg)):
+        if noise is not None and hold > 1.0 / (HOLDS * noise.highest):
+            raise InputError(
+                f"{scene.name}.yaml: flight.optics_every = {scene.flight.optics_every}: so many steps of {dt:.3g} s "
+                f"must be below {1.0 / (HOLDS * noise.highest):.3g} s, for {HOLDS} to the shortest period of "
+                f"beam.pointing.{key}"
+            )
+    if scene.incidence == "yaw_blind" and pointing.tilts:
+        raise InputError(
+            f"{scene.name}.yaml: beam.pointing: tilts need incidence: sail_frame; yaw_blind knows light along z alone"
+        )
+
+
 def _check_energy(scene: Scene, absorptances: list[float]) -> None:
     """InputError where a region would take up or give back more light than it gets; of each the highest absorptance."""
     for i, (region, absorptance) in enumerate(zip(scene.sail.regions, absorptances, strict=True)):
@@ -300,6 +320,7 @@ def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
     _check_energy(scene, absorptances)
     lat = lattice(scene.sail, mesh, scene.flight)
     dt = time_step(scene, mesh, lat)
+    _check_wander(scene, dt)
     heat = _heat(scene, mesh, lat, effects)
     # Its two-step method for the temperatures is stable for half as long
     check_heat(scene, mesh, heat, effects, absorptances, 2.0 * dt if scene.flight.integrator == "corotating" else dt)

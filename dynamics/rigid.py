@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from dynamics import scene as scenes
 from dynamics.attitude import angles_from_rotation, rotation_from_quaternion
-from dynamics.beam import knots
 from dynamics.command import finish, stage_arguments
 from dynamics.forecast import require_rows, say_rigid
 from dynamics.kernels import flight as kernel
+from dynamics.light import pointing, pulse
+from dynamics.light.gaussian_rules import ERROR
 from dynamics.neglected import neglected, said
-from dynamics.quadrature import ERROR
 from dynamics.rigid_body import RigidBody, Units, rigid_body
 from dynamics.sail import check_place, check_release, load_tables, provenance
 from dynamics.table_error import TableErrors, rigid_errors
@@ -145,7 +145,9 @@ def fly(
 def terms_of(scene: scenes.Scene, units: Units) -> kernel.Terms:
     """What governs the flight, in normalised units; rows at the scene's output rate, without the end."""
     duration = scene.rigid.duration_s / units.time
-    stops = {min(knot / units.time, duration) for knot in knots(scene.beam)} | {duration}
+    beam = scene.beam
+    knots = [*pulse.knots(beam), *pointing.knots(beam.pointing, beam.power_noise, scene.rigid.duration_s)]
+    stops = {min(knot / units.time, duration) for knot in knots} | {duration}
     spacing = 1.0 / (scene.rigid.output_Hz * units.time)
     rows = spacing * np.arange(max(1, math.ceil(duration / spacing * (1.0 - 1e-12))), dtype=float)
     return kernel.Terms(
@@ -211,7 +213,8 @@ def write(
 
     Returns what the tables' stated errors come to on its way, which the file says too.
     """
-    met = rigid_errors(scene, tables, flight.position, flight.rotation)
+    seen = pointing.seen(scene.beam.wander, flight.time, flight.position, flight.rotation)
+    met = rigid_errors(scene, tables, *seen)
     roll, pitch, yaw = flight.angles
     columns = {
         "time": (flight.time, "s"), "position": (flight.position, "m"), "velocity": (flight.velocity, "m/s"),

@@ -12,39 +12,15 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from dynamics.command import finish, stage_arguments
+from dynamics.light.beam import Beam as Beam
+from dynamics.light.beam import Rate as Rate
 from dynamics.sail_parts import Fraction, Region, Sail
-from optics.files import InputError, Name, NonNegative, Pair, Positive, Strict, read_model, run_stage, write_json
+from optics.files import InputError, Name, Pair, Positive, Strict, read_model, run_stage, write_json
 
-#: Longest time in s that a scene may speak of, 30 years, and most turns a second; most steps and intervals of steps.
+#: Longest time in s that a scene may speak of, 30 years; most steps and intervals of steps.
 Duration = Annotated[float, Field(ge=1e-15, le=1e9)]
-Rate = Annotated[float, Field(ge=-1e9, le=1e9)]
 Count = Annotated[int, Field(ge=1, le=10**12)]
 Kelvin = Annotated[float, Field(ge=1e-3, le=1e6)]
-
-
-class Beam(Strict):
-    """Gaussian beam along +z, I = I₀ exp(−2ρ²/w²); off for `delay_s`, rises in `rise_s`, on for `on_s`, falls alike.
-
-    polarisation: 'sail' turns with the sail, so that each cell always sees its own (the paper); 'lab' is linear at
-    `polarisation_deg` from x towards y; 'turning' starts there and turns at `polarisation_Hz`. The last two are for
-    rigid flight on tables that hold the Stokes response, and for reflections with `polarisation: tracked`. With these,
-    the field that turns with the 'sail' is at `polarisation_deg` from the body's x.
-    """
-
-    intensity_W_m2: NonNegative
-    radius_m: Positive
-    delay_s: NonNegative = 0.0
-    rise_s: NonNegative = 1e-6
-    on_s: Positive = 1e9
-    polarisation: Literal["sail", "lab", "turning"] = "sail"
-    polarisation_deg: Rate = 0.0
-    polarisation_Hz: Rate = 0.0
-
-    @model_validator(mode="after")
-    def _one_polarisation(self) -> Beam:
-        if self.polarisation != "turning" and self.polarisation_Hz != 0.0:
-            raise ValueError(f"polarisation_Hz = {self.polarisation_Hz:g}: needs polarisation: turning")
-        return self
 
 
 class Release(Strict):
@@ -178,7 +154,7 @@ class Scene(Strict):
     @property
     def fly_away(self) -> float:
         """Distance in m from the axis at which a flight ends."""
-        return self.flight.fly_away_m or 2.5 * max(self.sail.radius_m, self.beam.radius_m)
+        return self.flight.fly_away_m or 2.5 * max(self.sail.radius_m, self.beam.reach_m)
 
     def tabled(self, region: Region) -> bool:
         """Does the absorptance of a region come from its design's table."""

@@ -76,7 +76,7 @@ def digest(root: Path = ROOT) -> str:
     sums = hashlib.sha256()
     for path in sorted([*root.glob("optics/*.py"), *root.glob("dynamics/**/*.py")]):
         content = path.read_bytes()
-        if b"njit" in content or b"@intrinsic" in content:
+        if any(word in content for word in (b"njit", b"@intrinsic", b"carray")):
             sums.update(path.relative_to(root).as_posix().encode() + b"\0" + content)
     return sums.hexdigest()[:16]
 

@@ -14,12 +14,16 @@ from dynamics.kernels.integrators import VERLET, State, accumulate, advance, cop
 from dynamics.kernels.record import write_due, write_last
 from dynamics.kernels.spin import SpinUp, kick
 from dynamics.kernels.step import evaluate, warm_up
+from dynamics.light.aim import brightness
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _gain(model: Model, begin: float, end: float) -> float:
     """Mean share of the beam's full intensity from `begin` to `end` in s: it may rise within a small part of a step."""
-    return mean_ramp(begin, end, model.light.delay, model.light.rise, model.light.on) if model.lit else 0.0
+    if not model.lit:
+        return 0.0
+    light = model.light
+    return mean_ramp(begin, end, light.delay, light.rise, light.on) * brightness(light.wander, 0.5 * (begin + end))
 
 
 @numba.njit(cache=True, error_model="numpy")

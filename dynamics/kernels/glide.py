@@ -12,12 +12,14 @@ from dynamics.kernels.flown import Model, Work
 from dynamics.kernels.integrators import RK4, VERLET, State
 from dynamics.kernels.stencil import Pace
 from dynamics.kernels.sweep import add_up
+from dynamics.light.aim import brightness
 
 
 @numba.njit(cache=True, error_model="numpy")
 def gain_at(model: Model, t: float) -> float:
     """Share of the beam's full intensity at time t in s."""
-    return ramp(t, model.light.delay, model.light.rise, model.light.on) if model.lit else 0.0
+    light = model.light
+    return ramp(t, light.delay, light.rise, light.on) * brightness(light.wander, t) if model.lit else 0.0
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -30,6 +30,7 @@ from dynamics.kernels.record import write_due, write_last
 from dynamics.kernels.spin import foresee, kick
 from dynamics.kernels.stencil import Pace
 from dynamics.kernels.sweep import add_up
+from dynamics.light.aim import aim
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -44,13 +45,16 @@ def _light_up(model: Model, work: Work, x: Floats, v: Floats, temperature: Float
     """New coefficients of the light's forces at time t in s; INTACT or LEFT_TABLE.
 
     What is held over k steps is that of the middle of them, (k − 1)/2 steps ahead: late coefficients would be an error
-    of first order.
+    of first order. Coefficients are those of the triangles' own frames, so the nodes may be seen in that of a beam that
+    wanders.
     """
     ahead = 0.5 * (model.optics_every - 1) * model.dt
     if model.optics_every > 1:
         foresee(model.masses, x, v, ahead, work.ahead)
     else:
         copy(x, work.ahead)
+    if model.light.wander.periods.size > 0:
+        aim(model.light.wander, t + ahead, work.ahead)
     properties.absorb(model.curves.absorption, model.light.corners, temperature, work.light.absorptance)
     respond_all(model.light, work.light, work.ahead, work.broken.gone, model.stencil, work.stencil)
     if work.light.outside[2] > 0 or (work.light.outside[0] > 0 and not model.light.clamp):

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from dynamics.caught import MOST, check_light, share_wrong
-from dynamics.derivatives import moments
 from dynamics.floquet import analyse
 from dynamics.kernels.beam import LIGHT_SPEED
 from dynamics.kernels.record import COLUMNS
+from dynamics.light.gaussian import Gaussian
+from dynamics.light.gaussian_rules import NARROWEST, beam_rules
+from dynamics.light.moments import round_moments
 from dynamics.membrane import Flight
 from dynamics.mesh import sail_mesh
-from dynamics.quadrature import NARROWEST, beam_rules
 from dynamics.rigid_body import rigid_body
 from dynamics.scene import Scene
 from optics.files import InputError
@@ -87,14 +88,14 @@ def test_the_share_is_that_of_the_integral():
     a, b, c = (mesh.nodes[mesh.triangles[:, i], :2] for i in range(3))
     middle = np.exp(-2.0 * (((a + b + c) / 3.0) ** 2).sum(axis=1) / 0.1**2) @ mesh.areas
     want = abs(middle / (0.5 * np.pi * 0.1**2) - 1.0)
-    assert share_wrong(mesh, 0.1, np.zeros((1, 2))) == pytest.approx(want, rel=3e-2)
+    assert share_wrong(mesh, shining(0.1, 10).beam.spots, np.zeros((1, 2))) == pytest.approx(want, rel=3e-2)
 
 
 @pytest.mark.parametrize("ratio", [0.099, 0.04, 0.015, NARROWEST])
 @pytest.mark.parametrize("spans", [FOUR, ((0.0, 2.0 * np.pi),)])
 def test_the_rules_of_rigid_sails_hold_for_narrow_beams(ratio, spans):
     rules = beam_rules(spans, 1.0, ratio)
-    exact, whole = moments(*np.array(spans).T, 1.0, ratio), 0.5 * np.pi * ratio**2
+    exact, whole = round_moments(Gaussian(), *np.array(spans).T, 1.0, ratio), 0.5 * np.pi * ratio**2
     for rule in (0, len(rules.reach) - 1):
         for s in range(len(spans)):
             x, y, dark_, weight = rules.points[rules.first[rule, s] : rules.first[rule, s + 1]].T
