@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from optics.cells import Metagrating, read_metagrating
+from optics.cells.schema import Metagrating, read_metagrating
 
 DESIGNS = Path(__file__).parents[1] / "workflow" / "designs"
 

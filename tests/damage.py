@@ -8,7 +8,7 @@ from pathlib import Path
 
 import h5py
 
-from optics.checksum import append_checksum
+from beamrider.io.checksum import append_checksum
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from dynamics import screening
+from dynamics.stability import screening
 
 
 def many_cells(n: int) -> pd.DataFrame:

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from dynamics.kernels import stencil
-from dynamics.kernels.crew import sweep_all
-from dynamics.kernels.record import WIDTH
-from dynamics.kernels.step import run
-from dynamics.lattice import side_moduli
-from dynamics.membrane import Flight
-from dynamics.scene import Scene, read_scene
+from dynamics.membrane.flight import Flight
+from dynamics.membrane.lattice import side_moduli
+from dynamics.membrane.layout import rows as stencil
+from dynamics.membrane.output.record import WIDTH
+from dynamics.membrane.stepping.step import run
+from dynamics.membrane.stepping.threads import sweep_all
+from dynamics.scene.schema import Scene, read_scene
 from tests.synthetic import smooth_tables
 
 _SCENE = read_scene(Path(__file__).parents[1] / "workflow" / "scenes" / "fig6.yaml")

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.kernels.record import COLUMNS
-from dynamics.membrane import Flight
+from dynamics.membrane.flight import Flight
+from dynamics.membrane.output.record import COLUMNS
 from tests.membranes import dark, film, steps
 
 WIDE = {"intensity_W_m2": 1e9, "radius_m": 1e4, "on_s": 1.0}

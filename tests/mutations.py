@@ -26,9 +26,9 @@ import pandas as pd
 import yaml
 from hypothesis import strategies as st
 
-from optics.checksum import with_checksum
-from optics.files import read_json, read_lines
-from optics.parquet import write_parquet
+from beamrider.io.checksum import with_checksum
+from beamrider.io.files import read_json, read_lines
+from beamrider.io.parquet import write_parquet
 from tests.damage import edited
 from tests.hard.test_wording import places
 from tests.processes import fork

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import importlib
 import io
 import os
 import platform
@@ -14,7 +15,7 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from optics.files import run_stage
+from beamrider.io.files import run_stage
 
 
 @dataclass
@@ -33,6 +34,13 @@ class Child:
 
 
 Stage = Callable[[], None]
+
+
+def main_of(name: str) -> Stage:
+    """What `python -m name` runs."""
+    module = importlib.import_module(name)
+    found: Stage = (importlib.import_module(f"{name}.__main__") if hasattr(module, "__path__") else module).main
+    return found
 
 
 def fork(main: Stage, arguments: list[str], prepare: Callable[[], object] = lambda: None) -> Child:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optics.table import PressureTable
+from optics.table.pressure_table import PressureTable
 
 
 def smooth_table(

@@ -11,11 +11,11 @@ import pandas as pd
 import yaml
 from family import Family, read_family
 
-from dynamics.materials import Material
-from dynamics.scene import Scene, read_scene
-from optics.checksum import with_checksum
-from optics.files import atomic, read_lines, reading, run_stage
-from optics.parquet import read_parquet
+from beamrider.io.checksum import with_checksum
+from beamrider.io.files import atomic, read_lines, reading, run_stage
+from beamrider.io.parquet import read_parquet
+from dynamics.scene.materials import Material
+from dynamics.scene.schema import Scene, read_scene
 
 HEADER = "# Made by the workflow: member {number} of family {family}, rank {rank}.\n"
 

@@ -10,12 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from dynamics import floquet, rigid
-from dynamics.basin import Grid, fly_cells
-from dynamics.rigid_body import rigid_body
-from dynamics.sail import load_tables
-from dynamics.scene import Scene, read_scene
-from optics.files import (
+from beamrider.io.files import (
     InputError,
     Name,
     Positive,
@@ -28,7 +23,13 @@ from optics.files import (
     validate,
     write_json,
 )
-from optics.table import PressureTable
+from dynamics.rigid import stage as rigid
+from dynamics.rigid.basin import Grid, fly_cells
+from dynamics.rigid.body import rigid_body
+from dynamics.sail.sectors import load_tables
+from dynamics.scene.schema import Scene, read_scene
+from dynamics.stability import floquet
+from optics.table.pressure_table import PressureTable
 
 NOMINAL = ("mark1e_te", "mark1e_tm")
 DURATION = 5.0

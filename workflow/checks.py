@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dynamics.floquet import distance
-from optics.files import InputError, Stopwatch, finish, read_json, run_stage, take_out, write_json
-from optics.table import PressureTable
+from beamrider.io.files import InputError, Stopwatch, finish, read_json, run_stage, take_out, write_json
+from dynamics.stability.floquet import distance
+from optics.table.pressure_table import PressureTable
 
 LARGEST, NEARLY_ALL, MULTIPLIERS, ABSORPTANCE = 0.015, 0.0075, 1e-2, 0.03
 

@@ -13,13 +13,13 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from dynamics.attitude import rotation_from_angles
-from dynamics.scene import Scene, read_scene
-from optics.cells import Cell, ThinFilm, read_cell
-from optics.files import InputError, Name, Strict, load_yaml, scalar, validate
+from beamrider.io.files import InputError, Name, Strict, load_yaml, scalar, validate
+from dynamics.sail.attitude import rotation_from_angles
+from dynamics.scene.schema import Scene, read_scene
+from optics.cells.schema import Cell, ThinFilm, read_cell
 
 SOURCE = "workflow/config.yaml"
-PROGRAM = ("workflow", "optics", "dynamics", "tests")
+PROGRAM = ("workflow", "beamrider", "optics", "dynamics", "tests")
 
 Tolerance = Annotated[float, Field(gt=0, lt=1)]
 Cosine = Annotated[float, Field(gt=0, lt=1)]

@@ -17,16 +17,16 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from dynamics.scene import Scene, read_scene
-from optics.fdtd_grid import TABLE, FdtdSettings, memory, work
-from optics.files import InputError
-from optics.outline import Grating, read_grating
+from beamrider.io.files import InputError
+from dynamics.scene.schema import Scene, read_scene
+from optics.cells.outline import Grating, read_grating
+from optics.fdtd.grid import TABLE, FdtdSettings, memory, work
 
 PROGRAM = re.compile(r"\bpython -m ([\w.]+)")
 #: Programs whose kernels `workflow/machine_code.py` compiles before.
 COMPILED = ("dynamics.membrane", "dynamics.rigid", "dynamics.basin", "dynamics.floquet", "dynamics.maps")
 
-#: Bytes of a process that has loaded everything (`dynamics.forecast`).
+#: Bytes of a process that has loaded everything (`dynamics.sail.forecast`).
 PROCESS = 0.22e9
 #: MB that Snakemake itself takes in a job: one that Slurm starts and one within that, 160 MB each.
 SNAKEMAKE = 350.0
@@ -75,7 +75,7 @@ def fdtd_seconds(cell: Grating, tolerance: float) -> float:
 
 def basin_seconds(scene: Scene) -> float:
     """s that the flights of a scene's basin take: steps follow the spin."""
-    from dynamics.basin import Grid  # only here, as below: compiled modules take a while
+    from dynamics.rigid.basin import Grid  # only here, as below: compiled modules take a while
 
     grid = Grid()
     turns = max(1.0, abs(scene.release.spin_Hz)) * grid.duration_s
@@ -99,14 +99,14 @@ def _unpacked(files: Any) -> float:
 
 def flight_mb(files: Any) -> float:
     """MB of a flexible flight, by its mesh and its tables."""
-    from dynamics.forecast import flexible_memory
+    from dynamics.membrane.forecast import flexible_memory
 
     return _asked(flexible_memory(read_scene(files["scene"])) + _unpacked(files["tables"]))
 
 
 def rigid_mb(files: Any) -> float:
     """MB of a rigid flight, by its rows and its tables."""
-    from dynamics.forecast import A_ROW
+    from dynamics.sail.forecast import A_ROW
 
     rigid = read_scene(files["scene"]).rigid
     return _asked(PROCESS + A_ROW * rigid.duration_s * rigid.output_Hz + _unpacked(files["tables"]))
@@ -119,7 +119,7 @@ def table_mb(files: Any) -> float:
 
 def screening_mb(files: Any) -> float:
     """MB of the screening of a family, by its members."""
-    from dynamics.forecast import A_MEMBER
+    from dynamics.sail.forecast import A_MEMBER
 
     return _asked(PROCESS + A_MEMBER * pq.read_metadata(files["members"]).num_rows)
 

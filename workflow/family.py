@@ -16,20 +16,29 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, model_validator
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from dynamics.command import finish
-from dynamics.forecast import A_MADE_MEMBER, require_members
-from dynamics.scene import Scene, read_scene
-from optics.cells import Metagrating, read_metagrating
-from optics.files import InputError, Name, Positive, Stopwatch, Strict, read_model, run_stage, validate, write_lines
-from optics.made import as_attribute
-from optics.parquet import write_parquet
+from beamrider.arrays import Floats
+from beamrider.io.files import (
+    InputError,
+    Name,
+    Positive,
+    Stopwatch,
+    Strict,
+    read_model,
+    run_stage,
+    validate,
+    write_lines,
+)
+from beamrider.io.parquet import write_parquet
+from beamrider.provenance.record import as_attribute
+from dynamics.sail.forecast import A_MADE_MEMBER, require_members
+from dynamics.scene.command_line import finish
+from dynamics.scene.schema import Scene, read_scene
+from optics.cells.schema import Metagrating, read_metagrating
 
-Floats = NDArray[np.float64]
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
 MOST = 2_000_000
 

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.membrane import Flight
-from dynamics.sail import load_tables
-from dynamics.scene import Scene, read_scene
-from optics.files import InputError, progress, run_stage, take_out, write_json
-from optics.table import PressureTable
+from beamrider.io.files import InputError, progress, run_stage, take_out, write_json
+from dynamics.membrane.flight import Flight
+from dynamics.sail.sectors import load_tables
+from dynamics.scene.schema import Scene, read_scene
+from optics.table.pressure_table import PressureTable
 
 RINGS, DURATION = 12, 0.6
 TAUT = 1e-2

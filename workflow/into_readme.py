@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from optics.files import InputError, atomic, run_stage
+from beamrider.io.files import InputError, atomic, run_stage
 
 README = Path(__file__).parents[1] / "README.md"
 

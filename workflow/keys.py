@@ -1,10 +1,11 @@
 """Keys: what a result is made from, known before it is made. They decide what Snakemake runs.
 
 The key of a job is a digest of its command and parameters, of the sources and libraries of its programs (see
-`optics.sources`), of what its input files mean (YAML without comments, else their bytes) and, for those that other jobs
-make, of these jobs' keys; of a checkpoint's output its content. It is a parameter of every job (`params.key`), so that
-Snakemake runs a job again where its key changed. A job whose outputs are there, whole and of its key, asks for no
-inputs: it is not run again because one of them was touched, deleted, or made again to the same key.
+`beamrider.provenance.sources`), of what its input files mean (YAML without comments, else their bytes) and, for those
+that other jobs make, of these jobs' keys; of a checkpoint's output its content. It is a parameter of every job
+(`params.key`), so that Snakemake runs a job again where its key changed. A job whose outputs are there, whole and of
+its key, asks for no inputs: it is not run again because one of them was touched, deleted, or made again to the same
+key.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ from snakemake.output_index import OutputIndex
 from snakemake.rules import Rule, get_function_params
 from snakemake.settings.types import RerunTrigger
 
-from optics.files import load_yaml
-from optics.made import NAME
-from optics.sources import digest_of, digest_of_file, program
+from beamrider.io.files import load_yaml
+from beamrider.provenance.record import NAME
+from beamrider.provenance.sources import digest_of, digest_of_file, program
 
 PROGRAM = re.compile(r"\bpython (?:-m )?([\w./{}]+)")
 WILDCARD = re.compile(r"\{wildcards\.(\w+)\}")

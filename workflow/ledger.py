@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from optics.files import atomic
-from optics.sources import STAMP, digest_of_file
+from beamrider.io.files import atomic
+from beamrider.provenance.sources import STAMP, digest_of_file
 
 
 class Ledger:

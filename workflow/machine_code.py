@@ -2,8 +2,8 @@
 
     python workflow/machine_code.py --out code.txt
 
-Machine code is kept where `optics.compiled` says, for processors like the one that it was made on; others make their
-own. Small sails fly for a moment, on made-up tables: kernels do not depend on the sail.
+Machine code is kept where `beamrider.machine_code.cache` says, for processors like the one that it was made on; others
+make their own. Small sails fly for a moment, on made-up tables: kernels do not depend on the sail.
 """
 
 from __future__ import annotations
@@ -19,12 +19,15 @@ import numpy as np
 # The program's own modules are those beside this script, whichever copy of it is installed.
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from dynamics import basin, floquet, maps, membrane, rigid
-from dynamics.scene import Scene, read_scene
-from optics.compiled import digest
-from optics.compiling import compiling
-from optics.files import atomic, check_out, run_stage
-from optics.table import PressureTable
+from beamrider.io.files import atomic, check_out, run_stage
+from beamrider.machine_code.cache import digest
+from beamrider.machine_code.notice import compiling
+from dynamics.membrane import flight as membrane
+from dynamics.rigid import basin
+from dynamics.rigid import stage as rigid
+from dynamics.scene.schema import Scene, read_scene
+from dynamics.stability import floquet, maps
+from optics.table.pressure_table import PressureTable
 
 SCENE = Path(__file__).parent / "scenes" / "fig6.yaml"
 

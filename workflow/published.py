@@ -14,9 +14,20 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from dynamics.scene import Scene, read_scene
-from optics.checksum import with_checksum
-from optics.files import InputError, Name, Positive, Stopwatch, Strict, atomic, finish, load_yaml, run_stage, validate
+from beamrider.io.checksum import with_checksum
+from beamrider.io.files import (
+    InputError,
+    Name,
+    Positive,
+    Stopwatch,
+    Strict,
+    atomic,
+    finish,
+    load_yaml,
+    run_stage,
+    validate,
+)
+from dynamics.scene.schema import Scene, read_scene
 
 SOURCE = Path("workflow/published.yaml")
 SNAPSHOTS = 500

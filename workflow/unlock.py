@@ -16,7 +16,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from optics.files import InputError, run_stage
+from beamrider.io.files import InputError, run_stage
 
 LOCKS, HOST = Path(".snakemake/locks"), Path(".snakemake/host")
 

@@ -7,10 +7,8 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from beamrider.arrays import Floats, Integers
 
 SHIFT_X, SHIFT_Y, TILT_X, TILT_Y, POWER = range(5)
 

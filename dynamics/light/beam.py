@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from beamrider.io.files import NonNegative, Number, Positive, Strict
 from dynamics.light import spots
 from dynamics.light.aim import POWER, Wander
 from dynamics.light.flat_top import FlatTop
@@ -21,7 +22,6 @@ from dynamics.light.profile import Floats
 from dynamics.light.ring import Ring
 from dynamics.light.spots import Spot
 from dynamics.light.super_gaussian import SuperGaussian
-from optics.files import NonNegative, Number, Positive, Strict
 
 Rate = Annotated[float, Field(ge=-1e9, le=1e9)]
 Shape = Gaussian | SuperGaussian | FlatTop | Ring | Map

@@ -12,14 +12,11 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numba
-import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from beamrider.arrays import Floats, Integers
 
 #: What stands before the profile's own numbers: share of the intensity, place of the middle, the quadratic form that
 #: is 1 at the radius, and the lines of the matrix that takes the axes to the profile's, in its radii.

@@ -15,8 +15,8 @@ from numba import carray
 from pydantic import Field
 from scipy.special import betainc, gammaincc, gammaln
 
-from dynamics.kernels.beam import decay
 from dynamics.light.compiled import OWN, SHARE, squared
+from dynamics.light.intensity import decay
 from dynamics.light.profile import Floats, Profile
 
 #: Of t, beyond which it is dark for all orders, and the squared sum still a number.

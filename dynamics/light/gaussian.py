@@ -10,8 +10,8 @@ import numpy as np
 from numba import carray
 from scipy.special import erf
 
-from dynamics.kernels.beam import decay
 from dynamics.light.compiled import OWN, SHARE, squared
+from dynamics.light.intensity import decay
 from dynamics.light.profile import Floats, Profile
 
 

@@ -15,11 +15,10 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from dynamics.light.sectors import Rules
 
-Floats = NDArray[np.float64]
 Spans = tuple[tuple[float, float], ...]
 Rule = tuple[Floats, Floats]
 

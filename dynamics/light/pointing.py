@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
+from beamrider.io.files import NonNegative, Positive, Strict
 from dynamics.light.aim import Wander, aim, axes, where
 from dynamics.light.profile import Floats
-from optics.files import NonNegative, Positive, Strict
 
 #: Points of a record to its shortest period: the spline then errs by less than 1e-4; points that a record may have.
 POINTS, MOST = 16, 1_000_000

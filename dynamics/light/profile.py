@@ -7,12 +7,10 @@ from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
+from beamrider.io.files import Strict
 from dynamics.light import compiled
-from optics.files import Strict
-
-Floats = NDArray[np.float64]
 
 #: Points to a panel, of two lengths of the profile, of the radial integrals that have no closed form.
 _POINTS = 24

@@ -1,4 +1,4 @@
-"""The light's power in time: the ramp on and off. `dynamics.kernels.beam` is the layer below. SI units."""
+"""The light's power in time: the ramp on and off. `dynamics.light.intensity` is the layer below. SI units."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dynamics.kernels import beam as kernel
+from dynamics.light import intensity as kernel
 from dynamics.light.beam import Beam
 from dynamics.light.profile import Floats
 

@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from dynamics.attitude import rotation_from_angles
 from dynamics.light import spots as spot
 from dynamics.light.compiled import Profile
 from dynamics.light.profile import Floats
@@ -68,7 +68,7 @@ def _tried(reach: float, slant: float, seed: int) -> list[tuple[Floats, Floats]]
     angle, towards, yaw = random.uniform(0.0, 2.0 * np.pi, (3, _TRIED))
     out = []
     for r, a, t, b, c in zip(distance, angle, tilt, towards, yaw, strict=True):
-        turn = rotation_from_angles(t * math.cos(b), t * math.sin(b), c)
+        turn = Rotation.from_euler("XYZ", [t * math.cos(b), t * math.sin(b), c]).as_matrix()
         out.append((np.ascontiguousarray(turn), r * np.array([math.cos(a), math.sin(a)])))
     return out
 

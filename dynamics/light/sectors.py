@@ -13,9 +13,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from beamrider.arrays import Floats
 from dynamics.light.compiled import Profile, shine
-
-Floats = NDArray[np.float64]
 
 _DARK = -746.0  # below, exp is 0
 

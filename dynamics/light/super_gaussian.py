@@ -13,8 +13,8 @@ import numpy as np
 from numba import carray
 from pydantic import Field
 
-from dynamics.kernels.beam import decay
 from dynamics.light.compiled import OWN, SHARE, squared
+from dynamics.light.intensity import decay
 from dynamics.light.profile import Floats, Profile
 
 

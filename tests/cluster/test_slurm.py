@@ -172,7 +172,7 @@ TARGETS = [
 
 def _project(folder: Path) -> Path:
     """A copy of the project with a small scene and a configuration of it, FDTD included."""
-    for name in ("optics", "dynamics", "workflow", "tests"):
+    for name in ("beamrider", "optics", "dynamics", "workflow", "tests"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "Snakefile", folder)
     scene = yaml.safe_load((folder / "workflow/scenes/fig6.yaml").read_text())

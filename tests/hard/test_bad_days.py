@@ -19,12 +19,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dynamics import basin, floquet, maps, membrane, mesh, rigid, screening
-from dynamics import scene as scenes
-from optics import local, modal, nodes, thin_film
-from optics.cells import read_cell
-from optics.files import read_json, write_lines
-from optics.parquet import write_parquet
+from beamrider.io.files import read_json, write_lines
+from beamrider.io.parquet import write_parquet
+from dynamics import mesh as mesh_command
+from dynamics.membrane import plan
+from dynamics.membrane import stage as membrane_stage
+from dynamics.rigid import basin
+from dynamics.rigid import stage as rigid
+from dynamics.scene import schema as scenes
+from dynamics.stability import floquet, maps, screening
+from optics.cells.schema import read_cell
+from optics.fdtd import nodes
+from optics.modal import normal_incidence as local
+from optics.modal import stage as modal
+from optics.thin_film import stage as thin_film
 from tests.families import many_cells, many_members
 from tests.membranes import altered, write_inputs
 from tests.processes import error, fork, full_at, run
@@ -75,10 +83,10 @@ STAGES: dict[str, tuple[Callable[[], None], Arguments]] = {
         "mark1e_te", "te.h5", "--u-max", "0.02", "--v-max", "0.02", "--tolerance", "0.02", "--accept-missed",
     )),
     "nodes": (nodes.main, of_design("mark1e_te", "nodes.json", "--u-max", "0.05", "--v-max", "0.05")),
-    "cells": (local.main, cells), "screening": (screening.main, family), "plan": (scenes.main, alone("plan.json")),
-    "mesh": (mesh.main, alone("mesh.vtkhdf")), "floquet": (floquet.main, flown("floquet.json")),
+    "cells": (local.main, cells), "screening": (screening.main, family), "plan": (plan.main, alone("plan.json")),
+    "mesh": (mesh_command.main, alone("mesh.vtkhdf")), "floquet": (floquet.main, flown("floquet.json")),
     "maps": (maps.main, flown("maps.h5")), "basin": (basin.main, mapped), "rigid": (rigid.main, flown("rigid.h5")),
-    "flexible": (membrane.main, flown("flight.vtkhdf")),
+    "flexible": (membrane_stage.main, flown("flight.vtkhdf")),
 }
 #: A stage of each kind of file in every run of the tests, all of them where slow tests run.
 ALL = [stage if stage in ("film", "plan", "rigid", "screening") else pytest.param(stage, marks=pytest.mark.slow)

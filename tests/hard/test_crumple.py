@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dynamics.kernels.record import COLUMNS
-from dynamics.membrane import Flight
-from dynamics.scene import Scene
+from dynamics.membrane.flight import Flight
+from dynamics.membrane.output.record import COLUMNS
+from dynamics.scene.schema import Scene
 from tests.membranes import altered, dark, film, steps
 
 PULSE = 0.04

@@ -11,9 +11,11 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from dynamics import floquet, membrane, rigid
-from dynamics.scene import Scene
-from optics.files import run_stage
+from beamrider.io.files import run_stage
+from dynamics.membrane import flight as membrane
+from dynamics.rigid import stage as rigid
+from dynamics.scene.schema import Scene
+from dynamics.stability import floquet
 from tests.hard.test_wording import changed, places
 from tests.membranes import FILM, small
 from tests.synthetic import smooth_tables

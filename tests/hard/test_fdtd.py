@@ -5,14 +5,14 @@ import importlib.util
 import numpy as np
 import pytest
 
-from optics.cells import Metagrating, Profile, read_cell
-from optics.fdtd_direction import solve_direction
-from optics.fdtd_grid import FdtdSettings
-from optics.fdtd_orders import grazing
-from optics.files import InputError
-from optics.lamellar import solve
-from optics.outline import staircase
-from optics.steps import Slanted
+from beamrider.io.files import InputError
+from optics.cells.outline import staircase
+from optics.cells.schema import Metagrating, Profile, read_cell
+from optics.fdtd.direction import solve_direction
+from optics.fdtd.grid import FdtdSettings
+from optics.fdtd.orders import grazing
+from optics.modal.lamellar import solve
+from optics.modal.steps import Slanted
 
 pytestmark = [
     pytest.mark.meep,

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics import floquet, scene
-from dynamics.linear import LinearModel
-from optics.files import InputError
-from optics.normal import table_response
+from beamrider.io.files import InputError
+from dynamics.scene import schema as scene
+from dynamics.stability import floquet
+from dynamics.stability.linear import LinearModel
+from optics.table.normal_incidence import table_response
 from tests.synthetic import smooth_tables
 
 FIG6 = scene.read_scene(Path(__file__).parents[2] / "workflow" / "scenes" / "fig6.yaml")

@@ -5,12 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics import basin, mesh, rigid
-from dynamics.scene import read_scene
-from optics import thin_film
-from optics.cells import read_cell
-from optics.fdtd_grid import FdtdSettings
-from optics.fdtd_parts import Rows, write_rows
+from dynamics import mesh as mesh_command
+from dynamics.rigid import basin
+from dynamics.rigid import stage as rigid
+from dynamics.scene.schema import read_scene
+from optics.cells.schema import read_cell
+from optics.fdtd.grid import FdtdSettings
+from optics.fdtd.parts import Rows, write_rows
+from optics.thin_film import stage as thin_film
 from tests.membranes import altered, write_inputs
 from tests.processes import error, full_at, run
 
@@ -38,7 +40,7 @@ def meshed(folder: Path) -> list[str]:
 
 STAGES = {
     "table": (thin_film.main, film), "rigid flight": (rigid.main, flight), "basin": (basin.main, mapped),
-    "mesh": (mesh.main, meshed),
+    "mesh": (mesh_command.main, meshed),
 }
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from optics.cells import Index, Layer, Metagrating, ThinFilm
-from optics.modal import solve
-from optics.thin_film import pressure
+from optics.cells.schema import Index, Layer, Metagrating, ThinFilm
+from optics.modal.stage import solve
+from optics.thin_film.stage import pressure
 
 GOLD = {"n": 0.26, "k": 6.97}  # at 1064 nm, Johnson & Christy
 

@@ -23,19 +23,29 @@ import yaml
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from dynamics import basin, floquet, maps, membrane, mesh, rigid, screening
-from dynamics import scene as scenes
-from dynamics.journal import Journal
-from optics import fdtd, local, modal, nodes, thin_film
-from optics.cells import read_cell
-from optics.checksum import append_checksum
-from optics.fdtd_grid import FdtdSettings
-from optics.fdtd_parts import Rows, read_rows, write_rows
-from optics.files import InputError, load_yaml, read_json, write_json, write_lines
-from optics.parquet import read_parquet, write_parquet
-from optics.table import PressureTable
-from optics.thin_film import make_table
-from optics.wording import place
+from beamrider.io.checksum import append_checksum
+from beamrider.io.files import InputError, load_yaml, read_json, write_json, write_lines
+from beamrider.io.parquet import read_parquet, write_parquet
+from beamrider.io.wording import place
+from dynamics import mesh as mesh_command
+from dynamics.membrane import flight as membrane
+from dynamics.membrane import plan as plan_stage
+from dynamics.membrane import stage as membrane_stage
+from dynamics.membrane.output.journal import Journal
+from dynamics.rigid import basin
+from dynamics.rigid import stage as rigid
+from dynamics.scene import schema as scenes
+from dynamics.stability import floquet, maps, screening
+from optics.cells.schema import read_cell
+from optics.fdtd import nodes
+from optics.fdtd import stage as fdtd
+from optics.fdtd.grid import FdtdSettings
+from optics.fdtd.parts import Rows, read_rows, write_rows
+from optics.modal import normal_incidence as local
+from optics.modal import stage as modal
+from optics.table.pressure_table import PressureTable
+from optics.thin_film import stage as thin_film
+from optics.thin_film.stage import make_table
 from tests import mutations
 from tests.damage import edited
 from tests.families import many_cells, many_members
@@ -77,8 +87,8 @@ SCENES = {name: load_yaml(WORKFLOW / f"scenes/{name}.yaml") for name in ("fig6",
 SCENES["scene"] = WHOLE["scene"][1]
 CURVED = ("plan", "mesh", "membrane")  # stages for sails that are not flat, or not of sectors alone
 FLYING: dict[str, tuple[Callable[[], None], list[tuple[Any, str]]]] = {
-    "plan": (scenes.main, []), "mesh": (mesh.main, []), "rigid": (rigid.main, [(rigid, "_integrate")]),
-    "membrane": (membrane.main, [(membrane.Flight, "advance")]), "floquet": (floquet.main, []),
+    "plan": (plan_stage.main, []), "mesh": (mesh_command.main, []), "rigid": (rigid.main, [(rigid, "_integrate")]),
+    "membrane": (membrane_stage.main, [(membrane.Flight, "advance")]), "floquet": (floquet.main, []),
     "maps": (maps.main, [(maps, "make_maps")]), "basin": (basin.main, [(basin, "_outcome")]),
 }
 
@@ -344,8 +354,8 @@ KINDS: dict[str, tuple[Callable[[Path], Any], Callable[[Path], Any]]] = {
     "block.h5": (map_basin, lambda path: basin.merge([path, path], SHORT, smooth_tables(), GRID)),
     "rigid.h5": (functools.partial(stage, rigid.main), figure("drawing", "read_series")),
     "maps.h5": (functools.partial(stage, maps.main), figure("drawing", "read_series")),
-    "flight.vtkhdf": (functools.partial(stage, membrane.main), figure("flown", "read")),
-    "flight2.vtkhdf": (functools.partial(stage, membrane.main), figure("snapshots", "read")),
+    "flight.vtkhdf": (functools.partial(stage, membrane_stage.main), figure("flown", "read")),
+    "flight2.vtkhdf": (functools.partial(stage, membrane_stage.main), figure("snapshots", "read")),
     "floquet.json": (functools.partial(stage, floquet.main), read_json),
     "nodes.json": (
         lambda path: write_json(path, {"name": TE.name, "u": [-0.1, 0.0, 0.1], "v": [0.0, 0.1], "error": 1e-3}),

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from optics.cells import Metagrating
-from optics.lamellar import solve
-from optics.modal import make_table
+from optics.cells.schema import Metagrating
+from optics.modal.lamellar import solve
+from optics.modal.stage import make_table
 
 SHALLOW = Metagrating(
     kind="metagrating", name="shallow", wavelength_nm=1064, electric_axis="r", period_nm=900, ridges_nm=[[0, 450]],

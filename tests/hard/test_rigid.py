@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk
 
-from dynamics import rigid, scene
-from dynamics.attitude import rotation_from_angles
-from dynamics.materials import MATERIALS
-from dynamics.sail import sail_shape
-from optics.table import PressureTable
+from dynamics.rigid import stage as rigid
+from dynamics.sail.attitude import rotation_from_angles
+from dynamics.sail.sectors import sail_shape
+from dynamics.scene import schema as scene
+from dynamics.scene.materials import MATERIALS
+from optics.table.pressure_table import PressureTable
 from tests.synthetic import smooth_tables
 
 ROOT = Path(__file__).parents[2]

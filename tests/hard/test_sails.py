@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynamics import model
-from dynamics.kernels.record import COLUMNS
-from dynamics.lattice import STABILITY, highest_frequency, sheet_matrix
-from dynamics.membrane import Flight, fly
-from dynamics.mesh import sail_mesh
-from dynamics.scene import Scene
-from optics.files import InputError
+from beamrider.io.files import InputError
+from dynamics.membrane import build as model
+from dynamics.membrane.flight import Flight, fly
+from dynamics.membrane.lattice import STABILITY, highest_frequency, sheet_matrix
+from dynamics.membrane.output.record import COLUMNS
+from dynamics.sail.mesh import sail_mesh
+from dynamics.scene.schema import Scene
 from tests.membranes import FILM, altered, dark, film, steps
 
 

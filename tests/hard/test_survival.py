@@ -19,9 +19,12 @@ import h5py
 import numpy as np
 import pytest
 
-from dynamics import flight, journal, membrane
-from dynamics.scene import Scene
-from optics import machine
+from beamrider.io import resources as machine
+from dynamics.membrane import flight as membrane
+from dynamics.membrane import stage
+from dynamics.membrane.output import flight_file as flight
+from dynamics.membrane.output import journal
+from dynamics.scene.schema import Scene
 from tests import processes
 from tests.membranes import altered, small, write_inputs
 from tests.processes import error, full_at
@@ -37,7 +40,7 @@ CAROUSEL = altered(SCENE, flight={"integrator": "corotating", "heat_every": 1, "
 
 def fly(arguments: list[str], prepare: Callable[[], object] = lambda: None) -> tuple[int, str]:
     """Exit code and words of a child that flies."""
-    return processes.run(membrane.main, arguments, prepare)
+    return processes.run(stage.main, arguments, prepare)
 
 
 def numbers(path: Path) -> dict[str, bytes]:
@@ -80,7 +83,7 @@ def killed_at_random(folder: Path, scene: Scene, seconds: float, kills: int, see
     for _ in range(10 * kills):
         if hits == kills:
             break
-        child = processes.fork(membrane.main, arguments)
+        child = processes.fork(stage.main, arguments)
         time.sleep(draw.uniform(0.0, 0.8 * seconds))
         os.kill(child.process, signal.SIGKILL)
         if child.end() == 0:  # it ended before: begin again
@@ -147,7 +150,7 @@ DEATHS: dict[str, tuple[object, str, int, Callable[..., object]]] = {
     "checkpoint written, not renamed": (Path, "replace", 6, die),
     "checkpoint renamed": (Path, "replace", 6, Path.replace),
     "half the flight file written": (flight._Grid, "frame", 20, flight._Grid.frame),
-    "flight file written, not renamed": (membrane, "write_flight", 1, membrane.write_flight),
+    "flight file written, not renamed": (stage, "write_flight", 1, stage.write_flight),
     "flight file in place, half the folder removed": (journal.shutil, "rmtree", 1, half_a_removal),
 }
 
@@ -176,7 +179,7 @@ def test_kills_of_whole_processes_at_random_moments_change_no_bit(
     command = [sys.executable, "-m", "dynamics.membrane", *write_inputs(tmp_path, SCENE)]
     draw = random.Random(3)
     started = time.monotonic()
-    subprocess.run([sys.executable, "-c", "import dynamics.membrane"], check=True)
+    subprocess.run([sys.executable, "-c", "import dynamics.membrane.stage"], check=True)
     imports, kills = time.monotonic() - started, 0
     while kills < 12:
         process = subprocess.Popen(command, stderr=subprocess.DEVNULL, start_new_session=True)
@@ -288,13 +291,13 @@ def test_a_disk_that_is_full_when_the_flight_file_is_written(
     arguments = write_inputs(tmp_path, SCENE)
 
     def prepare() -> None:
-        write = membrane.write_flight
+        write = stage.write_flight
 
         def limited(*given: object) -> None:
             full_at(room)()
             write(*given)
 
-        membrane.write_flight = limited
+        stage.write_flight = limited
 
     code, said = fly(arguments, prepare)
     assert code == 2

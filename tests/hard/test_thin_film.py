@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import tmm
 
-from optics.thin_film import P_SHARE, momentum, stack
+from optics.thin_film.stage import P_SHARE, momentum, stack
 from tests.films import exact
 
 GLANCING = float(np.sin(np.radians(89.99)))

@@ -11,11 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from dynamics import basin, membrane, rigid, screening
-from dynamics.scene import read_scene
-from optics import lock, thin_film
-from optics.errors import InputError
-from optics.files import run_stage
+from beamrider.io import lock
+from beamrider.io.errors import InputError
+from beamrider.io.files import run_stage
+from dynamics.membrane import stage
+from dynamics.rigid import basin
+from dynamics.rigid import stage as rigid
+from dynamics.scene.schema import read_scene
+from dynamics.stability import screening
+from optics.thin_film import stage as thin_film
 from tests.hard.test_survival import SCENE, numbers, uninterrupted
 from tests.membranes import altered, write_inputs
 from tests.processes import Child, error, fork, run, without_locks
@@ -47,7 +51,7 @@ def screened(folder: Path) -> list[str]:
 
 STAGES = {
     "table": (thin_film.main, film), "rigid flight": (rigid.main, flight), "basin": (basin.main, mapped),
-    "flexible flight": (membrane.main, flexible), "screening": (screening.main, screened),
+    "flexible flight": (stage.main, flexible), "screening": (screening.main, screened),
 }
 
 
@@ -95,16 +99,16 @@ def test_two_flights_of_one_file_give_the_numbers_of_one(tmp_path: Path):
     whole = uninterrupted(tmp_path / "whole", SCENE)[0]
     arguments = write_inputs(tmp_path, SCENE)
     partial = tmp_path / "out" / "flight.vtkhdf.partial"
-    first = fork(membrane.main, arguments)
+    first = fork(stage.main, arguments)
     wait_for(partial / "checkpoint.npz")
     os.kill(first.process, signal.SIGSTOP)
-    code, said = run(membrane.main, arguments)
+    code, said = run(stage.main, arguments)
     assert code == 2
     assert f"is being written by process {first.process} on " in error(said)
     os.kill(first.process, signal.SIGCONT)
     os.kill(first.process, signal.SIGKILL)
     assert first.end() == -signal.SIGKILL
-    code, said = run(membrane.main, arguments)
+    code, said = run(stage.main, arguments)
     assert (code, "going on from step" in said) == (0, True)
     assert numbers(tmp_path / "out" / "flight.vtkhdf") == whole
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["flight.vtkhdf"]

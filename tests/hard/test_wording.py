@@ -13,12 +13,12 @@ from typing import Any
 
 import pytest
 
-from dynamics.basin import Grid
-from dynamics.materials import MATERIALS
-from dynamics.scene import Scene
-from optics.cells import KINDS, read_cell
-from optics.files import InputError, Strict, load_yaml, read_model, validate
-from optics.wording import brief
+from beamrider.io.files import InputError, Strict, load_yaml, read_model, validate
+from beamrider.io.wording import brief
+from dynamics.rigid.basin import Grid
+from dynamics.scene.materials import MATERIALS
+from dynamics.scene.schema import Scene
+from optics.cells.schema import KINDS, read_cell
 from workflow.configuration import Config
 from workflow.family import Family
 

@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynamics.caught import MOST, check_light
-from dynamics.journal import numbers_digest
-from dynamics.kernels.record import COLUMNS
+from beamrider.io.files import InputError
 from dynamics.light import aim, pointing
 from dynamics.light import beam as light
 from dynamics.light.beam import Beam
-from dynamics.membrane import Flight, errors_met
-from dynamics.mesh import sail_mesh
-from dynamics.model import build
-from optics.files import InputError
+from dynamics.membrane.build import build
+from dynamics.membrane.flight import Flight
+from dynamics.membrane.output.journal import numbers_digest
+from dynamics.membrane.output.record import COLUMNS
+from dynamics.membrane.summary import errors_met
+from dynamics.sail.caught_light import MOST, check_light
+from dynamics.sail.mesh import sail_mesh
 from tests.light.test_profiles import PARTS, TILTED, measured
 from tests.membranes import FIG6, altered, dark, film, small, steps
 from tests.mirrors import force, lit

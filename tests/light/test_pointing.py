@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from beamrider.io.files import InputError, validate
 from dynamics.light import aim, pointing
 from dynamics.light.pointing import Noise, Pointing
-from dynamics.scene import Scene
-from optics.files import InputError, validate
+from dynamics.scene.schema import Scene
 from tests.membranes import FIG6
 
 WHITE = {"rms": 2e-3, "cutoff_Hz": 80.0, "seed": 7, "record_s": 4.0}

@@ -11,10 +11,10 @@ import h5py
 import numpy as np
 import pytest
 
+from beamrider.io.files import InputError, validate
 from dynamics.light import beam as light
 from dynamics.light.beam import Beam
-from dynamics.scene import Scene
-from optics.files import InputError, validate
+from dynamics.scene.schema import Scene
 from tests.membranes import FIG6
 
 ROUND: list[dict[str, Any]] = [

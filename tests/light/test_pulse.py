@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from dynamics.kernels.beam import mean_ramp, ramp, ramp_integral
 from dynamics.light import pulse as beam
 from dynamics.light.beam import Beam
+from dynamics.light.intensity import mean_ramp, ramp, ramp_integral
 
 LASER = Beam(intensity_W_m2=1e9, radius_m=0.4, delay_s=0.1, rise_s=0.02, on_s=0.5)
 

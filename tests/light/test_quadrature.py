@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from dynamics.attitude import rotation_from_angles
 from dynamics.light import sectors as kernel
 from dynamics.light import spots
 from dynamics.light.beam import Beam
 from dynamics.light.gaussian_rules import beam_rules
 from dynamics.light.moments import beam_moments, round_moments
 from dynamics.light.rules import TooSteep, profile_rules
+from dynamics.sail.attitude import rotation_from_angles
 from tests.light.test_profiles import PARTS, TILTED, measured
 from tests.light.test_profiles import beam as shaped
 

@@ -12,16 +12,18 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from dynamics import basin, floquet, rigid
-from dynamics.derivatives import linearise
-from dynamics.kernels.beam import LIGHT_SPEED
+from beamrider.io.files import InputError
 from dynamics.light import beam as light
 from dynamics.light.beam import Beam
+from dynamics.light.intensity import LIGHT_SPEED
 from dynamics.light.pointing import Noise, at, seen
-from dynamics.linear import QUARTER, LinearModel
-from dynamics.rigid_body import rigid_body
-from dynamics.scene import Scene
-from optics.files import InputError
+from dynamics.rigid import basin
+from dynamics.rigid import stage as rigid
+from dynamics.rigid.body import rigid_body
+from dynamics.scene.schema import Scene
+from dynamics.stability import floquet
+from dynamics.stability.derivatives import linearise
+from dynamics.stability.linear import QUARTER, LinearModel
 from tests.light.test_profiles import PARTS, TILTED, measured
 from tests.membranes import FIG6, altered, film
 from tests.synthetic import smooth_tables

@@ -9,14 +9,15 @@ from pydantic import ValidationError
 from scipy.sparse import diags
 from scipy.sparse.linalg import eigsh
 
-from dynamics import model
-from dynamics.kernels import properties, stencil, thermal
-from dynamics.lattice import STABILITY, highest_frequency, lattice, sheet_matrix
-from dynamics.membrane import Flight, fly
-from dynamics.mesh import sail_mesh
-from dynamics.plan import plan
-from dynamics.scene import Scene
-from optics.files import InputError
+from beamrider.io.files import InputError
+from dynamics.membrane import build as model
+from dynamics.membrane.effects import properties, thermal
+from dynamics.membrane.flight import Flight, fly
+from dynamics.membrane.lattice import STABILITY, highest_frequency, lattice, sheet_matrix
+from dynamics.membrane.layout import rows as stencil
+from dynamics.membrane.plan import plan
+from dynamics.sail.mesh import sail_mesh
+from dynamics.scene.schema import Scene
 from tests.membranes import altered, dark, film, steps
 
 SIGMA, AREAL, CAPACITY = 5.670374419e-8, 2700.0 * 400e-9, 800.0

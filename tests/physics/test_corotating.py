@@ -9,11 +9,11 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
-from dynamics.membrane import Flight, fly
-from dynamics.scene import Scene
-from optics.cells import ThinFilm
-from optics.files import InputError
-from optics.thin_film import make_table
+from beamrider.io.files import InputError
+from dynamics.membrane.flight import Flight, fly
+from dynamics.scene.schema import Scene
+from optics.cells.schema import ThinFilm
+from optics.thin_film.stage import make_table
 from tests.membranes import DRUM_MODES, altered, dark, drum_mode, film
 
 FAST = {"integrator": "corotating", "optics_every": 1, "heat_every": 1, "series_every": 1, "time_step_s": 80e-6}

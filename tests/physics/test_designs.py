@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynamics import lattice
-from dynamics.designs import designed
-from dynamics.mesh import sail_mesh
-from dynamics.model import build
-from dynamics.rigid_body import rigid_body
-from dynamics.sail import sail_shape
-from dynamics.scene import Scene
-from optics.cells import KINDS
-from optics.files import InputError
-from optics.table import PressureTable
+from beamrider.io.files import InputError
+from dynamics.membrane import lattice
+from dynamics.membrane.build import build
+from dynamics.rigid.body import rigid_body
+from dynamics.sail.masses import designed
+from dynamics.sail.mesh import sail_mesh
+from dynamics.sail.sectors import sail_shape
+from dynamics.scene.schema import Scene
+from optics.cells.schema import KINDS
+from optics.table.pressure_table import PressureTable
 from tests.membranes import FIG6, FILM, altered, small
 from tests.synthetic import smooth_tables
 

@@ -7,15 +7,16 @@ import sys
 import numpy as np
 import pytest
 
-from optics import modal, thin_film
-from optics.cells import Index, LamellarStack, Layer, Metagrating, ThinFilm, read_cell
-from optics.fdtd import solve_part
-from optics.fdtd_direction import solve_direction
-from optics.fdtd_grid import FdtdSettings
-from optics.fdtd_parts import read_rows
-from optics.incidence import electric_vector
-from optics.outline import upright
-from optics.table import PressureTable
+from optics.cells.outline import upright
+from optics.cells.schema import Index, LamellarStack, Layer, Metagrating, ThinFilm, read_cell
+from optics.fdtd.direction import solve_direction
+from optics.fdtd.grid import FdtdSettings
+from optics.fdtd.parts import read_rows
+from optics.fdtd.stage import solve_part
+from optics.modal import stage as modal
+from optics.table.pressure_table import PressureTable
+from optics.thin_film import stage as thin_film
+from optics.waves.incidence import electric_vector
 
 pytestmark = [
     pytest.mark.meep,

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from optics import lamellar
-from optics.cells import Index, LamellarLayer, LamellarStack, Metagrating, Ridge, Surroundings
-from optics.interpolation import lookup, lookup_many, lookup_slopes
-from optics.modal import make_table, solve
-from optics.parts import parity, part, scattering
-from optics.promise import read_promise
-from optics.quantities import quantities
-from optics.table import PressureTable
-from optics.thick_modal import layers_of
+from optics.cells.schema import Index, LamellarLayer, LamellarStack, Metagrating, Ridge, Surroundings
+from optics.modal import lamellar
+from optics.modal.parts import parity, part, scattering
+from optics.modal.quantities import quantities
+from optics.modal.stage import make_table, solve
+from optics.modal.thick_tables import layers_of
+from optics.table.lookup import lookup, lookup_many, lookup_slopes
+from optics.table.pressure_table import PressureTable
+from optics.table.promise import read_promise
 
 RIDGES = [(50.0, 200.0, 2.2, 1e-3)]
 

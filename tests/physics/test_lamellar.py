@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from optics.cells import Index, LamellarStack, Layer, ThinFilm
-from optics.derivatives import derivatives
-from optics.files import InputError
-from optics.incidence import electric_vector, polarisation_basis, stokes, wave_vector
-from optics.lamellar import efficiencies, prepare, solve
-from optics.thin_film import pressure
+from beamrider.io.files import InputError
+from optics.cells.schema import Index, LamellarStack, Layer, ThinFilm
+from optics.modal.derivatives import derivatives
+from optics.modal.lamellar import efficiencies, prepare, solve
+from optics.thin_film.stage import pressure
+from optics.waves.incidence import electric_vector, polarisation_basis, stokes, wave_vector
 
 U, V = np.array([-0.2, 0.0, 0.31]), np.array([0.0, 0.1, 0.27])
 GRATING = {

@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynamics.attitude import rotation_from_angles
-from dynamics.kernels.beam import LIGHT_SPEED
-from dynamics.kernels.record import COLUMNS
-from dynamics.kernels.rigid import INSIDE
-from dynamics.kernels.step import lay_out
-from dynamics.membrane import Flight, fly
-from dynamics.rigid_body import rigid_body
-from dynamics.scene import Scene
-from optics.table import PressureTable
+from dynamics.light.intensity import LIGHT_SPEED
+from dynamics.membrane.flight import Flight, fly
+from dynamics.membrane.output.record import COLUMNS
+from dynamics.membrane.stepping.step import lay_out
+from dynamics.rigid.body import rigid_body
+from dynamics.rigid.equations import INSIDE
+from dynamics.sail.attitude import rotation_from_angles
+from dynamics.scene.schema import Scene
+from optics.table.pressure_table import PressureTable
 from tests.membranes import FILM, altered, dark, film, normals, small, steps
 from tests.synthetic import smooth_tables
 

@@ -7,12 +7,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from optics import local
-from optics.cells import Metagrating
-from optics.files import InputError
-from optics.modal import solve
-from optics.normal import table_response
-from optics.table import PressureTable
+from beamrider.io.files import InputError
+from optics.cells.schema import Metagrating
+from optics.modal import normal_incidence as local
+from optics.modal.stage import solve
+from optics.table.normal_incidence import table_response
+from optics.table.pressure_table import PressureTable
 
 
 @pytest.mark.parametrize("name", ["te", "tm"])

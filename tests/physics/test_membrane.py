@@ -7,15 +7,18 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import lsqr
 
-from dynamics import lattice, rigid
-from dynamics.attitude import rotation_from_angles
-from dynamics.kernels import optical, stencil, thermal
-from dynamics.kernels.beam import LIGHT_SPEED
-from dynamics.kernels.record import COLUMNS
-from dynamics.membrane import Flight, fly
-from dynamics.mesh import sail_mesh
-from dynamics.rigid_body import rigid_body
-from dynamics.scene import Scene
+from dynamics.light.intensity import LIGHT_SPEED
+from dynamics.membrane import lattice
+from dynamics.membrane.effects import light_pressure as optical
+from dynamics.membrane.effects import thermal
+from dynamics.membrane.flight import Flight, fly
+from dynamics.membrane.layout import rows as stencil
+from dynamics.membrane.output.record import COLUMNS
+from dynamics.rigid import stage as rigid
+from dynamics.rigid.body import rigid_body
+from dynamics.sail.attitude import rotation_from_angles
+from dynamics.sail.mesh import sail_mesh
+from dynamics.scene.schema import Scene
 from tests.membranes import FIG6, altered, dark, film, small, steps
 from tests.synthetic import smooth_tables
 

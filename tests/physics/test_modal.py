@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import yaml
 
-from optics import modal
-from optics.cells import Index, Layer, Metagrating, ThinFilm
-from optics.modal import make_table, solve
-from optics.table import PressureTable
-from optics.thin_film import pressure
+from optics.cells.schema import Index, Layer, Metagrating, ThinFilm
+from optics.modal import stage as modal
+from optics.modal.stage import make_table, solve
+from optics.table.pressure_table import PressureTable
+from optics.thin_film.stage import pressure
 
 
 def one(cell, u, v, order):
@@ -42,7 +42,7 @@ def test_conical_incidence_on_a_slab_mixes_s_and_p_as_it_must(tm, axis):
     """With |E|² split into s and p of the oblique plane, a slab's q_n is their weighted mean: they don't interfere."""
     cell = changed(tm, ridges_nm=[[0.0, 1350.0]], electric_axis=axis)
     u, v = 0.3, 0.4
-    from optics.incidence import electric_vector
+    from optics.waves.incidence import electric_vector
 
     e = electric_vector(u, v, axis)
     share_s = np.dot(e, [-v / 0.5, u / 0.5, 0.0]) ** 2

@@ -7,18 +7,18 @@ import re
 import numpy as np
 import pytest
 
-from dynamics.caught import MOST, check_light, share_wrong
-from dynamics.floquet import analyse
-from dynamics.kernels.beam import LIGHT_SPEED
-from dynamics.kernels.record import COLUMNS
+from beamrider.io.files import InputError
 from dynamics.light.gaussian import Gaussian
 from dynamics.light.gaussian_rules import NARROWEST, beam_rules
+from dynamics.light.intensity import LIGHT_SPEED
 from dynamics.light.moments import round_moments
-from dynamics.membrane import Flight
-from dynamics.mesh import sail_mesh
-from dynamics.rigid_body import rigid_body
-from dynamics.scene import Scene
-from optics.files import InputError
+from dynamics.membrane.flight import Flight
+from dynamics.membrane.output.record import COLUMNS
+from dynamics.rigid.body import rigid_body
+from dynamics.sail.caught_light import MOST, check_light, share_wrong
+from dynamics.sail.mesh import sail_mesh
+from dynamics.scene.schema import Scene
+from dynamics.stability.floquet import analyse
 from tests.membranes import FIG6, altered, dark, film, small
 from tests.mirrors import lit
 from tests.synthetic import smooth_tables

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynamics.kernels.record import COLUMNS
-from dynamics.membrane import Flight, fly
-from dynamics.model import build
-from dynamics.plan import plan
-from dynamics.scene import Scene
-from optics.files import InputError
+from beamrider.io.files import InputError
+from dynamics.membrane.build import build
+from dynamics.membrane.flight import Flight, fly
+from dynamics.membrane.output.record import COLUMNS
+from dynamics.membrane.plan import plan
+from dynamics.scene.schema import Scene
 from tests.membranes import FIG6, FILM, altered, film, small
 from tests.mirrors import lit
 from tests.synthetic import smooth_table, smooth_tables

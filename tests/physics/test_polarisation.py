@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 import tmm
 
-from dynamics.kernels import polarisation, reflections
-from dynamics.kernels.beam import LIGHT_SPEED
-from dynamics.kernels.record import COLUMNS
-from dynamics.membrane import Flight
-from dynamics.plan import plan
-from optics.cells import ThinFilm
-from optics.files import InputError
-from optics.table import PressureTable
-from optics.thin_film import amplitudes, make_table, polarised, stack
+from beamrider.io.files import InputError
+from dynamics.light.intensity import LIGHT_SPEED
+from dynamics.membrane.effects import polarisation, reflections
+from dynamics.membrane.flight import Flight
+from dynamics.membrane.output.record import COLUMNS
+from dynamics.membrane.plan import plan
+from optics.cells.schema import ThinFilm
+from optics.table.pressure_table import PressureTable
+from optics.thin_film.stage import amplitudes, make_table, polarised, stack
 from tests.membranes import dark, film, normals
 from tests.mirrors import BOWL, WIDE, force, lit
 

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynamics import rigid
-from dynamics.kernels.beam import LIGHT_SPEED
-from dynamics.membrane import Flight, fly
-from dynamics.mesh import sail_mesh
-from dynamics.scene import Scene
+from dynamics.light.intensity import LIGHT_SPEED
+from dynamics.membrane.flight import Flight, fly
+from dynamics.rigid import stage as rigid
+from dynamics.sail.mesh import sail_mesh
+from dynamics.scene.schema import Scene
 from tests.membranes import FIG6, altered, dark, film, small, steps
 from tests.synthetic import smooth_tables
 

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynamics.kernels import reflections, tree
-from dynamics.kernels.beam import LIGHT_SPEED
-from dynamics.kernels.record import COLUMNS
-from dynamics.membrane import Flight, fly
-from dynamics.plan import plan
-from optics.cells import ThinFilm
-from optics.files import InputError
-from optics.thin_film import make_table, solve
+from beamrider.io.files import InputError
+from dynamics.light.intensity import LIGHT_SPEED
+from dynamics.membrane.effects import reflections, tree
+from dynamics.membrane.flight import Flight, fly
+from dynamics.membrane.output.record import COLUMNS
+from dynamics.membrane.plan import plan
+from optics.cells.schema import ThinFilm
+from optics.thin_film.stage import make_table, solve
 from tests.membranes import altered, dark, film, normals
 from tests.mirrors import BOWL, WIDE, force, lit
 from tests.synthetic import smooth_tables

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynamics.kernels.beam import LIGHT_SPEED
-from dynamics.kernels.record import COLUMNS
-from dynamics.membrane import Flight, fly
+from dynamics.light.intensity import LIGHT_SPEED
+from dynamics.membrane.flight import Flight, fly
+from dynamics.membrane.output.record import COLUMNS
 from tests.membranes import FILM, dark, film, steps
 from tests.physics.test_light_on_sails import plain_film_table
 

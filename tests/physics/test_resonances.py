@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optics.cells import Metagrating
-from optics.files import InputError
-from optics.incidence import cutoffs
-from optics.interpolation import lookup, lookup_many, lookup_slopes, lookup_slopes_many
-from optics.lamellar import solve
-from optics.modal import make_table
-from optics.rational import fit
-from optics.resonances import find_poles
-from optics.strips import Floats
-from optics.table import PressureTable
-from optics.tracks import Resonances
-from optics.windows import resonance_window
+from beamrider.arrays import Floats
+from beamrider.io.files import InputError
+from optics.cells.schema import Metagrating
+from optics.modal.lamellar import solve
+from optics.modal.stage import make_table
+from optics.modal.windows import resonance_window
+from optics.table.lookup import lookup, lookup_many, lookup_slopes, lookup_slopes_many
+from optics.table.pole_tracks import Resonances
+from optics.table.pressure_table import PressureTable
+from optics.table.rational import fit
+from optics.table.resonances import find_poles
+from optics.waves.incidence import cutoffs
 from tests.damage import edited
 
 ORDER = 12

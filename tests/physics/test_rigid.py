@@ -10,13 +10,14 @@ import h5py
 import numpy as np
 import pytest
 
-from dynamics import rigid, scene
-from dynamics.attitude import rotation_from_angles, rotation_from_quaternion
-from dynamics.kernels.beam import LIGHT_SPEED
-from dynamics.rigid_body import rigid_body
-from dynamics.sail import sail_shape
-from optics.files import InputError, run_stage
-from optics.table import PressureTable
+from beamrider.io.files import InputError, run_stage
+from dynamics.light.intensity import LIGHT_SPEED
+from dynamics.rigid import stage as rigid
+from dynamics.rigid.body import rigid_body
+from dynamics.sail.attitude import rotation_from_angles, rotation_from_quaternion
+from dynamics.sail.sectors import sail_shape
+from dynamics.scene import schema as scene
+from optics.table.pressure_table import PressureTable
 from tests.synthetic import smooth_tables
 
 ROOT = Path(__file__).parents[2]

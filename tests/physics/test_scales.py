@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 import yaml
 
-from dynamics import membrane, rigid
-from dynamics.basin import Grid
-from dynamics.membrane import fly
-from dynamics.model import spin_up_time
-from dynamics.neglected import neglected, rayleigh_range
-from dynamics.scene import Scene
-from optics.files import InputError
+from beamrider.io.files import InputError
+from dynamics.membrane import flight as membrane
+from dynamics.membrane import summary
+from dynamics.membrane.build import spin_up_time
+from dynamics.membrane.flight import fly
+from dynamics.rigid import stage as rigid
+from dynamics.rigid.basin import Grid
+from dynamics.sail.neglected import neglected, rayleigh_range
+from dynamics.scene.schema import Scene
 from tests.membranes import FIG6, altered, film, small
 from tests.synthetic import smooth_tables
 
@@ -112,12 +114,12 @@ def test_flights_say_it_in_their_files_and_at_their_ends(tmp_path, monkeypatch, 
 def test_parts_that_turn_their_back_to_the_light_are_noticed(tmp_path):
     flight = membrane.Flight(large(), {}, tmp_path)
     flight._frame()
-    assert membrane.lit_from_behind(flight) is None
+    assert summary.lit_from_behind(flight) is None
     flight.step = flight.model.release + 1000
     corner = flight.membrane.mesh.triangles[0, 1]
     flight.state.x[:2, corner] *= -3.0
     flight._frame()
-    assert membrane.lit_from_behind(flight) == pytest.approx(1000 * flight.model.dt)
+    assert summary.lit_from_behind(flight) == pytest.approx(1000 * flight.model.dt)
 
 
 def test_ordinary_flights_neglect_nothing_that_matters():

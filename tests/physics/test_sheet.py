@@ -12,15 +12,17 @@ from scipy.sparse.linalg import eigsh, spsolve
 from scipy.special import j0, j1, jn_zeros
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
-from dynamics import lattice
-from dynamics.kernels import stencil, tearing, thermal
-from dynamics.kernels.record import WIDTH
-from dynamics.kernels.step import run
-from dynamics.materials import MATERIALS
-from dynamics.membrane import Flight, fly, strains
-from dynamics.mesh import Mesh, sail_mesh
-from dynamics.model import build
-from dynamics.scene import Scene
+from dynamics.membrane import lattice
+from dynamics.membrane.build import build
+from dynamics.membrane.effects import tearing, thermal
+from dynamics.membrane.flight import Flight, fly
+from dynamics.membrane.layout import rows as stencil
+from dynamics.membrane.output.record import WIDTH
+from dynamics.membrane.stepping.step import run
+from dynamics.membrane.strains import strains
+from dynamics.sail.mesh import Mesh, sail_mesh
+from dynamics.scene.materials import MATERIALS
+from dynamics.scene.schema import Scene
 from tests.membranes import DRUM_MODES, FIG6, altered, dark, drum_mode, film, stencil_forces, steps, tensions
 from tests.synthetic import smooth_tables
 

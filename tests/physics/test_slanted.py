@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from optics.absorption import imbalance
-from optics.cells import Profile, ThinFilm
-from optics.lamellar import solve
-from optics.local import normal_response
-from optics.outline import upright
-from optics.steps import Slanted, modal_cell
-from optics.thin_film import pressure
+from optics.cells.outline import upright
+from optics.cells.schema import Profile, ThinFilm
+from optics.modal.absorption import imbalance
+from optics.modal.lamellar import solve
+from optics.modal.normal_incidence import normal_response
+from optics.modal.steps import Slanted, modal_cell
+from optics.thin_film.stage import pressure
 
 U, V = np.array([-0.2, 0.05, 0.31]), np.array([0.0, 0.15])
 BLAZE = [[0, 1000], [0, 800], [1600, 0], [1600, 1000]]

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from optics.cells import Metagrating
-from optics.files import InputError
-from optics.incidence import electric_vector, stokes, worst_polarisation
-from optics.interpolation import lookup_many
-from optics.modal import make_table, solve
-from optics.strips import breaks
-from optics.table import PressureTable
+from beamrider.io.files import InputError
+from optics.cells.schema import Metagrating
+from optics.modal.stage import make_table, solve
+from optics.table.lookup import lookup_many
+from optics.table.pressure_table import PressureTable
+from optics.table.strips import breaks
+from optics.waves.incidence import electric_vector, stokes, worst_polarisation
 from tests.damage import edited
 
 TOLERANCE = 3e-3

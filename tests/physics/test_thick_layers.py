@@ -5,14 +5,14 @@ import pytest
 import tmm
 from scipy.optimize import minimize_scalar
 
-from optics import modal
-from optics.cells import Index, LamellarLayer, LamellarStack, Layer, Surroundings, ThinFilm
-from optics.files import InputError
-from optics.fringes import fringes
-from optics.interpolation import lookup, lookup_many
-from optics.normal import table_response
-from optics.table import PressureTable
-from optics.thin_film import P_SHARE, film, make_table, momentum, polarised, pressure, solve, stack
+from beamrider.io.files import InputError
+from optics.cells.schema import Index, LamellarLayer, LamellarStack, Layer, Surroundings, ThinFilm
+from optics.modal import stage as modal
+from optics.table.lookup import lookup, lookup_many
+from optics.table.normal_incidence import table_response
+from optics.table.pressure_table import PressureTable
+from optics.thin_film.fringes import fringes
+from optics.thin_film.stage import P_SHARE, film, make_table, momentum, polarised, pressure, solve, stack
 from tests.films import exact
 
 QUARTER = {"H": (1550 / 4 / 2.3, 2.3, 0.0), "L": (1550 / 4 / 1.45, 1.45, 0.0)}

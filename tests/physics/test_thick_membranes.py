@@ -5,8 +5,8 @@ from time import process_time
 import numpy as np
 import pytest
 
-from optics import modal
-from optics.cells import (
+from beamrider.io.files import InputError
+from optics.cells.schema import (
     Index,
     LamellarLayer,
     LamellarStack,
@@ -17,11 +17,11 @@ from optics.cells import (
     ThinFilm,
     require_coherent,
 )
-from optics.derivatives import derivatives
-from optics.files import InputError
-from optics.membranes import least_thickness
-from optics.modal import make_table
-from optics.thin_film import pressure
+from optics.modal import stage as modal
+from optics.modal.derivatives import derivatives
+from optics.modal.stage import make_table
+from optics.modal.thick_fringes import least_thickness
+from optics.thin_film.stage import pressure
 
 
 def layer(thickness, n, k=0.0, ridges=(), coherent=True):

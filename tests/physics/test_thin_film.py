@@ -7,9 +7,9 @@ import pytest
 import tmm
 from scipy import special
 
-from optics.cells import Index, Layer, Surroundings, ThinFilm
-from optics.table import PressureTable
-from optics.thin_film import P_SHARE, make_table, momentum, pressure, solve, stack
+from optics.cells.schema import Index, Layer, Surroundings, ThinFilm
+from optics.table.pressure_table import PressureTable
+from optics.thin_film.stage import P_SHARE, make_table, momentum, pressure, solve, stack
 from tests.films import exact
 
 

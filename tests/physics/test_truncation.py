@@ -7,16 +7,16 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from optics import local
-from optics.absorption import imbalance
-from optics.cells import LamellarStack, Metagrating, Profile
-from optics.files import InputError
-from optics.forecast import forecast
-from optics.lamellar import efficiencies, prepare, solve
-from optics.limit import edge_exponent, refuse_without_limit
-from optics.modal import guided_order, make_table
-from optics.steps import modal_cell
-from optics.truncation import change, choose, fitted_rate, remaining
+from beamrider.io.files import InputError
+from optics.cells.schema import LamellarStack, Metagrating, Profile
+from optics.modal import normal_incidence as local
+from optics.modal.absorption import imbalance
+from optics.modal.lamellar import efficiencies, prepare, solve
+from optics.modal.limit import edge_exponent, refuse_without_limit
+from optics.modal.stage import guided_order, make_table
+from optics.modal.steps import modal_cell
+from optics.modal.truncation import change, choose, fitted_rate, remaining
+from optics.refinement.forecast import forecast
 
 # n and k of gold and silver at 659 nm (Johnson & Christy 1972) and of tungsten at 633 nm (Palik 1985)
 METALS = {"gold": (659.0, 0.14, 3.697), "silver": (659.0, 0.05, 4.483), "tungsten": (633.0, 3.65, 2.89)}

@@ -13,13 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 
-from optics.files import InputError, run_stage
-from optics.table import PressureTable
+from beamrider.arrays import Floats
+from beamrider.io.files import InputError, run_stage
+from optics.table.pressure_table import PressureTable
 
-Floats = NDArray[np.float64]
 ABSORPTANCE = {"TE": 9.448e-6, "TM": 9.763e-6}
 DESIGN = {"TE": "mark1e_te", "TM": "mark1e_tm"}
 ERROR = 1e-3

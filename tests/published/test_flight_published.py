@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics.membrane import End, Flight, fly
-from dynamics.scene import read_scene
+from dynamics.membrane.flight import End, Flight, fly
+from dynamics.scene.schema import read_scene
 from tests.membranes import altered
 from tests.published.reference import needs_reference, published_tables
 

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics import floquet, scene
-from optics.cells import read_metagrating
-from optics.modal import solve
-from optics.table import PressureTable
+from dynamics.scene import schema as scene
+from dynamics.stability import floquet
+from optics.cells.schema import read_metagrating
+from optics.modal.stage import solve
+from optics.table.pressure_table import PressureTable
 
 WORKFLOW = Path(__file__).parents[2] / "workflow"
 

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics import scene
-from dynamics.maps import make_maps, normalised_load
-from dynamics.rigid_body import rigid_body
-from optics.cells import read_metagrating
-from optics.modal import solve
-from optics.table import PressureTable
+from dynamics.rigid.body import rigid_body
+from dynamics.scene import schema as scene
+from dynamics.stability.maps import make_maps, normalised_load
+from optics.cells.schema import read_metagrating
+from optics.modal.stage import solve
+from optics.table.pressure_table import PressureTable
 from tests.published.reference import needs_reference, published_tables
 
 WORKFLOW = Path(__file__).parents[2] / "workflow"

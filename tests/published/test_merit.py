@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from dynamics import merit
+from dynamics.stability import merit
 
 # Computed by hand from the inputs as printed: thickness in nm, burst diameter in m, spin limit in Hz.
 COMPUTED = {

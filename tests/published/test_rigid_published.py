@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics import floquet, rigid, scene
-from dynamics.attitude import rotation_from_angles
-from dynamics.rigid_body import rigid_body
+from dynamics.rigid import stage as rigid
+from dynamics.rigid.body import rigid_body
+from dynamics.sail.attitude import rotation_from_angles
+from dynamics.scene import schema as scene
+from dynamics.stability import floquet
 from tests.published.reference import needs_reference, published_table, published_tables
 
 pytestmark = needs_reference

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics.membrane import fly
-from dynamics.scene import read_scene
-from optics.cells import ThinFilm, read_cell
-from optics.thin_film import make_table
+from dynamics.membrane.flight import fly
+from dynamics.scene.schema import read_scene
+from optics.cells.schema import ThinFilm, read_cell
+from optics.thin_film.stage import make_table
 from tests.membranes import altered
 
 WORKFLOW = Path(__file__).parents[2] / "workflow"

@@ -7,7 +7,7 @@ The published values carry the mesh error of the published simulation: 1e-3 in q
 import numpy as np
 import pytest
 
-from optics.modal import make_table, solve
+from optics.modal.stage import make_table, solve
 from tests.published.reference import data_file, needs_reference
 
 PUBLISHED = [  # cell, u, v, q_g, q_n

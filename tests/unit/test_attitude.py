@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dynamics import attitude
-from dynamics.kernels.rigid import rotation
+from dynamics.rigid.equations import rotation
+from dynamics.sail import attitude
 
 RANDOM = np.random.default_rng(1)
 ROLL, PITCH, YAW = (RANDOM.uniform(-h, h, 200) for h in (np.pi, np.pi / 2, np.pi))

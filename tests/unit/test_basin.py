@@ -5,10 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics import basin, rigid, scene
-from dynamics.basin import Grid
-from dynamics.rigid import REASONS
-from optics.files import InputError
+from beamrider.io.files import InputError
+from dynamics.rigid import basin
+from dynamics.rigid import stage as rigid
+from dynamics.rigid.basin import Grid
+from dynamics.rigid.stage import REASONS
+from dynamics.scene import schema as scene
 from tests.synthetic import smooth_tables
 
 FIG6 = scene.read_scene(Path(__file__).parents[2] / "workflow" / "scenes" / "fig6.yaml")

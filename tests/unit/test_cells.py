@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from optics.cells import read_cell, read_metagrating
-from optics.files import InputError
+from beamrider.io.files import InputError
+from optics.cells.schema import read_cell, read_metagrating
 
 DESIGN = (Path(__file__).parents[2] / "workflow/designs/mark1e_te.yaml").read_text(encoding="utf-8")
 

@@ -11,13 +11,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from optics.cells import read_cell
-from optics.checksum import LENGTH, append_checksum, fault, with_checksum
-from optics.fdtd_grid import FdtdSettings
-from optics.fdtd_parts import Rows, read_rows, write_rows
-from optics.files import InputError, load_yaml, read_json, read_lines, write_json, write_lines
-from optics.hdf5 import new_hdf5, read_hdf5
-from optics.parquet import read_parquet, write_parquet
+from beamrider.io.checksum import LENGTH, append_checksum, fault, with_checksum
+from beamrider.io.files import InputError, load_yaml, read_json, read_lines, write_json, write_lines
+from beamrider.io.hdf5 import new_hdf5, read_hdf5
+from beamrider.io.parquet import read_parquet, write_parquet
+from optics.cells.schema import read_cell
+from optics.fdtd.grid import FdtdSettings
+from optics.fdtd.parts import Rows, read_rows, write_rows
 
 TE = read_cell(Path(__file__).parents[2] / "workflow/designs/mark1e_te.yaml")
 
@@ -117,8 +117,8 @@ def test_the_command_names_the_files_that_are_not_whole(tmp_path: Path):
     good, bad = (written(tmp_path / name) for name in ("good.h5", "bad.json"))
     bad.write_text(bad.read_text().replace("1.5", "2.5"))
     done = subprocess.run(
-        [sys.executable, "-m", "optics.checksum", good, bad, tmp_path / "none.h5"], capture_output=True, text=True,
-        check=False,
+        [sys.executable, "-m", "beamrider.io.checksum", good, bad, tmp_path / "none.h5"], capture_output=True,
+        text=True, check=False,
     )
     assert done.returncode == 2
     assert [line.split(": ")[1] for line in done.stderr.splitlines()] == [str(bad), str(tmp_path / "none.h5")]

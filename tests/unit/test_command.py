@@ -2,8 +2,9 @@
 
 import pytest
 
-from optics.command import check_range
-from optics.files import InputError, check_out
+from beamrider.io.files import InputError, check_out
+from optics.table.command_line import check_range
+from tests.processes import main_of
 
 
 def test_outputs_that_cannot_be_written(tmp_path):
@@ -25,9 +26,7 @@ def test_ranges_beyond_the_light(bounds):
 @pytest.mark.parametrize("tolerance", ["0", "-1", "nan", "inf", "2"])
 @pytest.mark.parametrize("module", ["thin_film", "modal", "nodes", "fdtd"])
 def test_tolerances_that_make_no_sense(module, tolerance, tmp_path, monkeypatch):
-    from importlib import import_module
-
     arguments = [module, "--cell", "none.yaml", "--out", str(tmp_path / "t.h5"), "--tolerance", tolerance]
     monkeypatch.setattr("sys.argv", arguments)
     with pytest.raises(InputError, match="--tolerance = "):
-        import_module(f"optics.{module}").main()
+        main_of(f"optics.{module}")()

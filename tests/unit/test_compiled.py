@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from optics import compiled
-from optics.table import PressureTable
+from beamrider.machine_code import cache as compiled
+from optics.table.pressure_table import PressureTable
 
 CALLED = "import numba\n\n\n@numba.njit(cache=True)\ndef twice(x):\n    return {} * x\n"
 CALLER = "import numba\nfrom optics.called import twice\n\n@numba.njit(cache=True)\ndef run(x):\n    return twice(x)\n"
@@ -24,9 +24,10 @@ def _environment(**given: str) -> dict[str, str]:
 def copy(tmp_path: Path) -> Path:
     """A small project with a compiled function that calls another, and the folder of its machine code not yet made."""
     root = tmp_path / "project"
-    for name in ("optics", "dynamics"):
+    for name in ("optics", "dynamics", "beamrider/machine_code"):
         (root / name).mkdir(parents=True)
-    for name in ("optics/__init__.py", "optics/compiled.py"):
+    for name in ("optics/__init__.py", "beamrider/__init__.py", "beamrider/machine_code/__init__.py",
+                 "beamrider/machine_code/cache.py"):
         (root / name).write_bytes((compiled.ROOT / name).read_bytes())
     (root / "dynamics/__init__.py").write_text("")
     (root / "dynamics/caller.py").write_text(CALLER)
@@ -60,7 +61,7 @@ def test_folders_with_links_to_a_checkout_share_its_machine_code(copy: Path, tmp
     before = {path: path.stat().st_mtime_ns for path in files(copy)}
     folder = tmp_path / "results here"
     folder.mkdir()
-    for name in ("optics", "dynamics"):
+    for name in ("beamrider", "optics", "dynamics"):
         (folder / name).symlink_to(copy / name)
     assert run(folder) == "2 1.0"
     assert files(folder) == []

@@ -5,7 +5,7 @@ import sys
 
 import numba
 
-from optics.compiling import compiling
+from beamrider.machine_code.notice import compiling
 
 
 def test_the_first_function_is_said_and_no_other(capsys):

@@ -5,9 +5,9 @@ import pytest
 from scipy.sparse import csr_matrix, diags, kron
 from scipy.sparse.linalg import spsolve
 
-from dynamics.dissection import dissect, factorise, solution_space
-from dynamics.kernels.dissection import solve
-from dynamics.mesh import Mesh, sail_mesh
+from dynamics.membrane.stepping.dissection import solve
+from dynamics.membrane.stepping.dissection_setup import dissect, factorise, solution_space
+from dynamics.sail.mesh import Mesh, sail_mesh
 from tests.membranes import small
 
 

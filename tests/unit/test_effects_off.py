@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynamics.membrane import Flight
-from dynamics.plan import EFFECTS
-from dynamics.scene import Scene
+from dynamics.membrane.flight import Flight
+from dynamics.membrane.plan import EFFECTS
+from dynamics.scene.schema import Scene
 from tests.membranes import film, small, steps
 
 LIT = {"beam": {"radius_m": 1.0}, "flight": {"heat_every": 2, "optics_every": 2}}

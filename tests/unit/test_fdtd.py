@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from optics.cells import Metagrating
-from optics.checksum import append_checksum
-from optics.fdtd import main, read_nodes, set_aside, solve_adaptively
-from optics.fdtd_adaptive import adapt
-from optics.fdtd_direction import (
+from beamrider.io.checksum import append_checksum
+from beamrider.io.files import InputError, validate
+from optics.cells.schema import Metagrating
+from optics.fdtd.adaptive import adapt
+from optics.fdtd.direction import (
     DirectionResult,
     cautious_estimate,
     check_cell,
@@ -20,19 +20,19 @@ from optics.fdtd_direction import (
     extrapolate,
     solve_direction,
 )
-from optics.fdtd_efficiencies import Efficiencies, check_polarisation, stress
-from optics.fdtd_grid import FdtdSettings, layout, periods, pixels, rungs
-from optics.fdtd_material import Averages, material, on_grid, spline, spline_integral
-from optics.fdtd_medium import dissipated
-from optics.fdtd_orders import Orders, grazing
-from optics.fdtd_parts import Rows, block, merge, read_rows, write_rows
-from optics.fdtd_poles import passive, permittivity, responses
-from optics.fdtd_progress import Progress, check_memory, expected_directions, spread
-from optics.fdtd_run import Decay, Run, import_meep, pulse_width, reflection, remaining
-from optics.files import InputError, validate
-from optics.incidence import electric_vector, wave_vector
-from optics.promise import read_promise
-from optics.sampling import even_nodes, fill
+from optics.fdtd.efficiencies import Efficiencies, check_polarisation, stress
+from optics.fdtd.grid import FdtdSettings, layout, periods, pixels, rungs
+from optics.fdtd.material import Averages, material, on_grid, spline, spline_integral
+from optics.fdtd.medium import dissipated
+from optics.fdtd.orders import Orders, grazing
+from optics.fdtd.parts import Rows, block, merge, read_rows, write_rows
+from optics.fdtd.poles import passive, permittivity, responses
+from optics.fdtd.progress import Progress, check_memory, expected_directions, spread
+from optics.fdtd.run import Decay, Run, import_meep, pulse_width, reflection, remaining
+from optics.fdtd.stage import main, read_nodes, set_aside, solve_adaptively
+from optics.refinement.directions import even_nodes, fill
+from optics.table.promise import read_promise
+from optics.waves.incidence import electric_vector, wave_vector
 
 SETTINGS = FdtdSettings()
 
@@ -88,7 +88,7 @@ def test_a_run_without_a_number_ends_the_table_with_its_direction(te, monkeypatc
         orders = Orders(np.array([u]), np.array([1.0 + 0j]), np.array([1.0 + 0j]))
         return Efficiencies(orders, np.array([value]), np.zeros(1), 0.0, 0.0, np.zeros(2), Decay(0.0, False))
 
-    monkeypatch.setattr("optics.fdtd_direction.efficiencies", run)
+    monkeypatch.setattr("optics.fdtd.direction.efficiencies", run)
     with pytest.raises(InputError, match=r"mark1e_te at u = 0\.1, v = 0: FDTD with 22 pixels .*not numbers"):
         solve_direction(te, 0.1, 0.0, SETTINGS)
 
@@ -511,7 +511,7 @@ def test_without_meep_the_stage_says_how_to_get_it(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("part", ["0/4", "5/4", "x", "3"])
 def test_a_bad_part_is_refused(monkeypatch, tmp_path, part):
-    monkeypatch.setattr("optics.fdtd.import_meep", lambda: None)
+    monkeypatch.setattr("optics.fdtd.stage.import_meep", lambda: None)
     arguments = ["--cell", "workflow/designs/mark1e_te.yaml", "--out", str(tmp_path / "p.h5"), "--part", part]
     for nodes in ([], ["--nodes", "nodes.json"]):
         monkeypatch.setattr(sys, "argv", ["fdtd", *arguments, *nodes])
@@ -523,8 +523,8 @@ def test_a_bad_part_is_refused(monkeypatch, tmp_path, part):
 @pytest.mark.parametrize(("u", "message"), [([0.1, 0.33], "order grazes"), ([0.1, 1.2], "evanescent")])
 @pytest.mark.parametrize("part", [[], ["--part", "1/1"]])
 def test_directions_that_cannot_be_solved_are_refused_before_any_is(monkeypatch, tmp_path, te, u, message, part):
-    monkeypatch.setattr("optics.fdtd.import_meep", lambda: None)
-    monkeypatch.setattr("optics.fdtd.solve_direction", lambda *_: pytest.fail("solved"))
+    monkeypatch.setattr("optics.fdtd.stage.import_meep", lambda: None)
+    monkeypatch.setattr("optics.fdtd.stage.solve_direction", lambda *_: pytest.fail("solved"))
     nodes = tmp_path / "nodes.json"
     nodes.write_text(json.dumps({"name": te.name, "u": u, "v": [0.0, 0.1]}))
     arguments = ["--cell", "workflow/designs/mark1e_te.yaml", "--nodes", str(nodes), "--out", str(tmp_path / "t.h5")]
@@ -560,7 +560,7 @@ def test_an_adaptive_table_that_was_killed_goes_on_from_its_rows(te, tmp_path, m
             raise KeyboardInterrupt
         return solved(u, v)
 
-    monkeypatch.setattr("optics.fdtd.solve_direction", solve)
+    monkeypatch.setattr("optics.fdtd.stage.solve_direction", solve)
     path = tmp_path / "rows.h5"
     with pytest.raises(KeyboardInterrupt):
         solve_adaptively(te, 0.18, 0.18, SETTINGS, path)

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from optics.files import InputError, atomic, load_yaml, read_json, run_stage, scalar, write_json
+from beamrider.io.files import InputError, atomic, load_yaml, read_json, run_stage, scalar, write_json
 
 
 def _names(folder):

@@ -1,17 +1,17 @@
 """Every stage of motion says in one line what it made: file, how it ended, size, wall and CPU time."""
 
-import importlib
 import re
 import sys
 from pathlib import Path
 
 import pytest
 
-from dynamics.command import finish
-from optics.files import Stopwatch, amount
-from optics.parquet import write_parquet
+from beamrider.io.files import Stopwatch, amount
+from beamrider.io.parquet import write_parquet
+from dynamics.scene.command_line import finish
 from tests.families import many_cells, many_members
 from tests.membranes import small, write_inputs
+from tests.processes import main_of
 
 SCENE = small(rings=3, rigid={"duration_s": 1e-3}, flight={"duration_s": 1e-5, "spin_up_s": 1e-5})
 ENDS = {
@@ -31,7 +31,7 @@ def test_every_stage_says_what_it_made(module, tmp_path, monkeypatch, capsys):
         (tmp_path / "grid.yaml").write_text("n_offsets: 2\nn_tilts: 2\nduration_s: 0.01\n")
         arguments += ["--grid", str(tmp_path / "grid.yaml")]
     monkeypatch.setattr(sys, "argv", [module, *arguments])
-    importlib.import_module(f"dynamics.{module}").main()
+    main_of(f"dynamics.{module}")()
     (line,) = capsys.readouterr().out.splitlines()
     path = re.escape(str(tmp_path / "out/made"))
     made = rf"{path}: {ENDS[module]}.* \([\d.e+]+ k?M?B, [\d.e-]+ s, [\d.e-]+ s of CPU\)"
@@ -44,7 +44,7 @@ def test_screening_says_how_many_members_are_stable(tmp_path, monkeypatch, capsy
     write_parquet(tmp_path / "members.parquet", many_members(2).to_parquet())
     more = ["--members", str(tmp_path / "members.parquet"), "--cells", str(tmp_path / "cells.parquet")]
     monkeypatch.setattr(sys, "argv", ["screening", *arguments[:2], *arguments[-2:], *more])
-    importlib.import_module("dynamics.screening").main()
+    main_of("dynamics.screening")()
     (line,) = capsys.readouterr().out.splitlines()
     assert re.match(rf"{re.escape(str(tmp_path / 'out/made'))}: \d \w+, .*\d impossible .*s of CPU\)", line)
 

@@ -11,8 +11,9 @@ from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkFiltersCore import vtkThreshold
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
-from dynamics.flight import write_flight
-from dynamics.membrane import Flight, attributes
+from dynamics.membrane.flight import Flight
+from dynamics.membrane.output.flight_file import write_flight
+from dynamics.membrane.summary import attributes
 from tests.membranes import dark
 
 POINTS, CELLS = {"velocity", "temperature"}, {"temperature", "strain", "sector", "failed", "slack"}

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynamics.journal import leaves
-from dynamics.membrane import Flight, fly
-from dynamics.scene import Scene
-from optics.files import InputError
+from beamrider.io.files import InputError
+from dynamics.membrane.flight import Flight, fly
+from dynamics.membrane.output.journal import leaves
+from dynamics.scene.schema import Scene
 from tests.membranes import altered, dark, film, small
 from tests.synthetic import smooth_tables
 

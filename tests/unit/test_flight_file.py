@@ -15,9 +15,11 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
-from dynamics import membrane, mesh
-from dynamics.materials import MATERIALS
-from optics.files import InputError, run_stage
+from beamrider.io.files import InputError, run_stage
+from dynamics import mesh as mesh_command
+from dynamics.membrane import flight as membrane
+from dynamics.membrane import stage
+from dynamics.scene.materials import MATERIALS
 from tests.membranes import dark, small, write_inputs
 from tests.synthetic import smooth_tables
 
@@ -32,7 +34,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     arguments = write_inputs(folder, SCENE)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["membrane", *arguments, "--plan", str(folder / "out" / "plan.json")])
-        run_stage(membrane.main)
+        run_stage(stage.main)
     return folder / "out" / "flight.vtkhdf"
 
 
@@ -189,7 +191,7 @@ def test_paraview_can_look_at_the_mesh_alone(tmp_path: Path, monkeypatch: pytest
     scene = tmp_path / "fig6.yaml"
     scene.write_text(yaml.safe_dump(SCENE.model_dump()), encoding="utf-8")
     monkeypatch.setattr(sys, "argv", ["mesh", "--scene", str(scene), "--out", str(tmp_path / "mesh.vtkhdf")])
-    run_stage(mesh.main)
+    run_stage(mesh_command.main)
     reader = vtkHDFReader()
     reader.SetFileName(str(tmp_path / "mesh.vtkhdf"))
     reader.Update()

@@ -9,15 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynamics import floquet, rigid, scene
-from dynamics.attitude import rotation_from_angles
-from dynamics.derivatives import error_modes, linearise
-from dynamics.linear import LinearModel
-from dynamics.materials import MATERIALS
-from dynamics.rigid_body import rigid_body
-from optics.files import InputError
-from optics.normal import ERROR_SCALE
-from optics.table import PressureTable
+from beamrider.io.files import InputError
+from dynamics.rigid import stage as rigid
+from dynamics.rigid.body import rigid_body
+from dynamics.sail.attitude import rotation_from_angles
+from dynamics.scene import schema as scene
+from dynamics.scene.materials import MATERIALS
+from dynamics.stability import floquet
+from dynamics.stability.derivatives import error_modes, linearise
+from dynamics.stability.linear import LinearModel
+from optics.table.normal_incidence import ERROR_SCALE
+from optics.table.pressure_table import PressureTable
 from tests.synthetic import smooth_tables
 
 FIG6 = scene.read_scene(Path(__file__).parents[2] / "workflow" / "scenes" / "fig6.yaml")

@@ -11,11 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics import forecast, membrane, pace, rigid, screening
-from dynamics.mesh import sail_mesh
-from dynamics.scene import Scene
-from optics import machine
-from optics.files import InputError, Stopwatch
+from beamrider.io import resources as machine
+from beamrider.io.files import InputError, Stopwatch
+from dynamics.membrane import flight as membrane
+from dynamics.membrane import forecast as flexible
+from dynamics.membrane import pace
+from dynamics.rigid import stage as rigid
+from dynamics.sail import forecast
+from dynamics.sail.mesh import sail_mesh
+from dynamics.scene.schema import Scene
+from dynamics.stability import screening
 from tests.families import many_cells, many_members
 from tests.membranes import FIG6, altered, film, small
 from tests.synthetic import smooth_tables
@@ -30,7 +35,7 @@ SHORT = small(rings=4, flight={"duration_s": 2e-4, "spin_up_s": 1e-4, "optics_ev
 PEAK = """
 import re, sys, tempfile
 from pathlib import Path
-from dynamics.membrane import Flight
+from dynamics.membrane.flight import Flight
 from tests.membranes import FIG6, altered
 from tests.synthetic import smooth_tables
 scene = altered(FIG6, sail={"rings": int(sys.argv[1])}, flight=eval(sys.argv[2]))
@@ -59,9 +64,9 @@ def test_nodes_and_triangles_are_those_of_the_mesh(outline, profile):
     (50, {"integrator": "corotating", "optics_every": 1, "heat_every": 1}),
 ])
 def test_memory_is_what_a_process_takes_at_most(rings, flight):
-    """Within the margin with which `optics.machine` refuses."""
+    """Within the margin with which `beamrider.io.resources` refuses."""
     command = [sys.executable, "-c", PEAK, str(rings), repr(flight)]
-    said = forecast.flexible_memory(altered(FIG6, sail={"rings": rings}, flight=flight))
+    said = flexible.flexible_memory(altered(FIG6, sail={"rings": rings}, flight=flight))
     assert said == pytest.approx(peak(command), rel=machine.MARGIN)
 
 
@@ -69,7 +74,8 @@ def test_rows_of_a_rigid_flight_take_the_memory_that_is_said(tmp_path: Path):
     rows = 500_000
     scene = altered(FIG6, rigid={"duration_s": 0.05, "output_Hz": rows / 0.05})
     code = (
-        "import re, sys\nfrom pathlib import Path\nfrom dynamics import rigid\nfrom dynamics.scene import Scene\n"
+        "import re, sys\nfrom pathlib import Path\nfrom dynamics.rigid import stage as rigid\n"
+        "from dynamics.scene.schema import Scene\n"
         "from tests.synthetic import smooth_tables\nscene = Scene.model_validate_json(sys.stdin.read())\n"
         "tables = smooth_tables()\nrigid.write(sys.argv[1], rigid.fly(scene, tables), scene, tables)\n"
         'print(1024 * int(re.search(r"VmHWM:\\s*(\\d+)", Path("/proc/self/status").read_text())[1]))'
@@ -112,6 +118,7 @@ def said(scene: Scene, stage: str, tmp_path: Path) -> str:
 ])
 def test_what_cannot_be_flown_is_refused_before_it_starts(stage, changes, line, tmp_path, monkeypatch):
     monkeypatch.setattr(machine, "available_memory", lambda: 8 * GIGA)
+    monkeypatch.setattr(flexible, "available_memory", lambda: 8 * GIGA)
     monkeypatch.setattr(forecast, "available_memory", lambda: 8 * GIGA)
     monkeypatch.setattr(machine, "free_disk", lambda path: 100 * GIGA)
     coarse = {} if "sail" in changes and "rings" in changes["sail"] else {"rings": 5}
@@ -121,14 +128,15 @@ def test_what_cannot_be_flown_is_refused_before_it_starts(stage, changes, line, 
 
 def test_the_rings_that_fit_do(monkeypatch):
     monkeypatch.setattr(machine, "available_memory", lambda: 8 * GIGA)
+    monkeypatch.setattr(flexible, "available_memory", lambda: 8 * GIGA)
     monkeypatch.setattr(forecast, "available_memory", lambda: 8 * GIGA)
     with pytest.raises(InputError) as caught:
-        forecast.require_mesh(altered(FIG6, sail={"rings": 1000}))
+        flexible.require_mesh(altered(FIG6, sail={"rings": 1000}))
     fit = int(re.search(r"at most (\d+) rings", str(caught.value))[1])
     assert 400 < fit < 1000
-    forecast.require_mesh(altered(FIG6, sail={"rings": fit}))
+    flexible.require_mesh(altered(FIG6, sail={"rings": fit}))
     with pytest.raises(InputError):
-        forecast.require_mesh(altered(FIG6, sail={"rings": round(1.05 * fit)}))
+        flexible.require_mesh(altered(FIG6, sail={"rings": round(1.05 * fit)}))
 
 
 def test_steps_that_are_timed_leave_no_trace(tmp_path, monkeypatch):

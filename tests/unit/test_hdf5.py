@@ -6,9 +6,9 @@ import sys
 import h5py
 import pytest
 
-from dynamics import membrane
-from optics.hdf5 import read_hdf5
-from optics.table import PressureTable
+from beamrider.io.hdf5 import read_hdf5
+from dynamics.membrane import stage
+from optics.table.pressure_table import PressureTable
 from tests.membranes import small, write_inputs
 from tests.processes import run, without_locks
 from tests.synthetic import smooth_tables
@@ -50,6 +50,6 @@ def test_hdf5_itself_would_refuse(table):
 
 def test_a_flight_flies_and_is_read_without_locks(tmp_path):
     scene = small(rings=4, flight={"duration_s": 2e-4, "snapshot_every_s": 1e-4, "series_every": 4})
-    assert run(membrane.main, write_inputs(tmp_path, scene), without_locks(errno.ENOLCK))[0] == 0
+    assert run(stage.main, write_inputs(tmp_path, scene), without_locks(errno.ENOLCK))[0] == 0
     with read_hdf5(tmp_path / "out/flight.vtkhdf") as file:
         assert file["series"].attrs["end_reason"] == "finished"

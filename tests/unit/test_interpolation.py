@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from optics.interpolation import lookup_slopes, lookup_slopes_many
-from optics.strips import breaks, rayleigh_curves
-from optics.table import Cutoffs, PressureTable, lookup, lookup_many
+from optics.table.contents import Cutoffs
+from optics.table.lookup import lookup, lookup_many, lookup_slopes, lookup_slopes_many
+from optics.table.pressure_table import PressureTable
+from optics.table.strips import breaks, rayleigh_curves
 from tests.synthetic import smooth_tables
 
 

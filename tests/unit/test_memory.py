@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dynamics.membrane import Flight
+from dynamics.membrane.flight import Flight
 from tests.membranes import FIG6, altered
 from tests.synthetic import smooth_tables
 

@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics import lattice, mesh, model, regions
-from dynamics.scene import Scene, read_scene
-from optics.files import InputError
+from beamrider.io.files import InputError
+from dynamics.membrane import build as model
+from dynamics.membrane import lattice
+from dynamics.sail import mesh, regions
+from dynamics.scene.schema import Scene, read_scene
 
 SCENE = read_scene(Path(__file__).parents[2] / "workflow" / "scenes" / "s3.yaml")
 SAIL = SCENE.sail

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from optics.cells import LamellarStack, Metagrating, Profile
-from optics.files import InputError, validate
-from optics.outline import depth_nm, polygons, read_grating, staircase, upright
+from beamrider.io.files import InputError, validate
+from optics.cells.outline import depth_nm, polygons, read_grating, staircase, upright
+from optics.cells.schema import LamellarStack, Metagrating, Profile
 
 SLANTED = {
     "kind": "profile", "name": "slanted", "wavelength_nm": 1064.0, "electric_axis": "r", "period_nm": 1500.0,

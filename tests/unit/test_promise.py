@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from optics.files import InputError
-from optics.promise import MISSED, finish, promise, promised, read_promise, weighted_quantile
-from optics.table import PressureTable
+from beamrider.io.files import InputError
+from optics.table.pressure_table import PressureTable
+from optics.table.promise import MISSED, finish, promise, promised, read_promise, weighted_quantile
 
 
 def _table(error, u=None, v=None, **attrs):
@@ -30,7 +30,7 @@ def test_directions_count_by_their_area_and_not_by_their_number():
 
 
 def _cells(error, u):
-    from optics.promise import cell_errors
+    from optics.table.promise import cell_errors
 
     return cell_errors(_table(error, u))
 

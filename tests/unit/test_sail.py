@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynamics import scene as scenes
-from dynamics.materials import MATERIALS
-from dynamics.rigid_body import normal_units
-from dynamics.sail import check_release, load_tables, sail_shape
-from dynamics.sail_parts import Sail
-from optics.files import InputError
+from beamrider.io.files import InputError
+from dynamics.rigid.body import normal_units
+from dynamics.sail.sectors import check_release, load_tables, sail_shape
+from dynamics.scene import schema as scenes
+from dynamics.scene.materials import MATERIALS
+from dynamics.scene.sail_schema import Sail
 from tests.synthetic import smooth_tables
 
 SCENES = Path(__file__).parents[2] / "workflow" / "scenes"

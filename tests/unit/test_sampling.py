@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from optics.files import InputError
-from optics.incidence import cutoffs, electric_vector, order_cosines, wave_vector
-from optics.sampling import choose_nodes, even_nodes, fill, refine
+from beamrider.io.files import InputError
+from optics.refinement.directions import choose_nodes, even_nodes, fill, refine
+from optics.waves.incidence import cutoffs, electric_vector, order_cosines, wave_vector
 
 
 def _resonance(u, v=0.0):
@@ -16,7 +16,7 @@ def test_refine_meets_the_tolerance_at_a_resonance():
     found = refine(lambda u: _resonance(u)[:, None], np.linspace(-0.2, 0.2, 9), 1e-4, 1e-6)
     from scipy.interpolate import CubicHermiteSpline
 
-    from optics.patches import slope_matrix
+    from optics.table.hermite import slope_matrix
 
     values = _resonance(found.nodes)
     spline = CubicHermiteSpline(found.nodes, values, slope_matrix(found.nodes) @ values)

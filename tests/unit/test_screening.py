@@ -6,10 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dynamics import floquet, scene, screening
-from optics.files import InputError
-from optics.normal import NormalResponse
-from optics.table import PressureTable
+from beamrider.io.files import InputError
+from dynamics.scene import schema as scene
+from dynamics.stability import floquet, screening
+from optics.table.normal_incidence import NormalResponse
+from optics.table.pressure_table import PressureTable
 from tests.families import many_cells, many_members
 from tests.synthetic import smooth_tables
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optics.cells import KINDS, read_cell
-from optics.outline import polygons, staircase
-from optics.section import cross_section
+from optics.cells.cross_section import cross_section
+from optics.cells.outline import polygons, staircase
+from optics.cells.schema import KINDS, read_cell
 
 DESIGNS = Path(__file__).parents[2] / "workflow" / "designs"
 SOLID, VOID = {"n": 2.0, "k": 1e-6}, {"n": 1.0}

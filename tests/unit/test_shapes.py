@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from dynamics import lattice, mesh_checks, shapes
-from dynamics.attitude import rotation_from_angles
-from dynamics.mesh import Mesh, sail_mesh
-from dynamics.model import build
-from dynamics.plan import plan
-from dynamics.sail import sail_shape
-from dynamics.sail_parts import Sail
-from dynamics.scene import read_scene
-from optics.files import InputError
+from beamrider.io.files import InputError
+from dynamics.membrane import lattice
+from dynamics.membrane.build import build
+from dynamics.membrane.plan import plan
+from dynamics.sail import mesh_checks, shapes
+from dynamics.sail.attitude import rotation_from_angles
+from dynamics.sail.mesh import Mesh, sail_mesh
+from dynamics.sail.sectors import sail_shape
+from dynamics.scene.sail_schema import Sail
+from dynamics.scene.schema import read_scene
 from tests.membranes import FIG6, altered
 
 SCENES = Path(__file__).parents[2] / "workflow" / "scenes"

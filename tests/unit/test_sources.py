@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from optics.sources import sources
+from beamrider.provenance.sources import sources
 
 ROOT = Path(__file__).parents[2]
 
@@ -27,7 +27,9 @@ print("FILES", *sorted(inside))
 
 @pytest.mark.parametrize("program", ["optics.modal", "dynamics.membrane", "workflow/figures/pressure.py"])
 def test_sources_are_what_python_loads(program):
-    run = f"runpy.run_path({program!r})" if program.endswith(".py") else f"import {program}"
+    run = f"runpy.run_path({program!r})" if program.endswith(".py") else (
+        f"import {program}.__main__"
+    )
     path = f"import sys; sys.path[:0] = ['', {str(Path(program).parent)!r}]\n" if program.endswith(".py") else ""
     output = subprocess.run(
         [sys.executable, "-c", path + LISTED.format(run=run)], cwd=ROOT, capture_output=True, text=True, check=True

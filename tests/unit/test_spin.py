@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynamics.kernels.spin import foresee
+from dynamics.membrane.effects.spin import foresee
 
 
 @pytest.mark.parametrize("time", [1e-6, 1e-3, 1.0])

@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynamics import membrane
-from dynamics.kernels import failure, sheet, stencil
-from dynamics.kernels.crew import dismiss
-from dynamics.kernels.sweep import add_up
-from dynamics.membrane import Flight
-from dynamics.scene import Scene
-from dynamics.shapes import lattice_points
-from dynamics.stencil import scratch_space
+from dynamics.membrane import flight as membrane
+from dynamics.membrane.effects import failure, sheet
+from dynamics.membrane.flight import Flight
+from dynamics.membrane.layout import rows as stencil
+from dynamics.membrane.layout.sweep import add_up
+from dynamics.membrane.row_layout import scratch_space
+from dynamics.membrane.stepping.threads import dismiss
+from dynamics.sail.shapes import lattice_points
+from dynamics.scene.schema import Scene
 from tests.membranes import dark, edge_forces, film, small, stencil_forces
 
 OUTLINES = ["round", "hexagonal", "square"]

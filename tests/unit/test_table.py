@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from optics.checksum import append_checksum
-from optics.files import InputError
-from optics.patches import slope_matrix
-from optics.table import OutsideTable, PressureTable
+from beamrider.io.checksum import append_checksum
+from beamrider.io.files import InputError
+from optics.table.hermite import slope_matrix
+from optics.table.pressure_table import OutsideTable, PressureTable
 from tests.damage import edited
 
 
@@ -21,7 +21,8 @@ def _table(n=33, mirror=True):
     u = np.linspace(-0.4, 0.4, n) + 0.1 / n * np.sin(np.arange(n))
     v = np.linspace(0.0 if mirror else -0.4, 0.4, n)
     q, a = _smooth(*np.meshgrid(u, v, indexing="ij"))
-    return PressureTable(u, v, np.moveaxis(q, -1, 0), a, np.full(a.shape, 1e-6), mirror, attrs={"name": "smooth"})
+    attrs = {"name": "smooth"}
+    return PressureTable(u, v, np.moveaxis(q, -1, 0), a, np.full(a.shape, 1e-6), mirror_v=mirror, attrs=attrs)
 
 
 def _directions(count=2000, reach=0.38):
@@ -81,7 +82,7 @@ def test_outside_is_an_error_that_names_the_direction_and_the_limits():
 
 
 def test_nearest_returns_node_values():
-    from optics.table import lookup
+    from optics.table.pressure_table import lookup
 
     table = _table()
     arrays = table.arrays(nearest=True)
@@ -144,4 +145,4 @@ def test_truncated_foreign_and_edited_files_are_refused_with_the_reason(tmp_path
 def test_a_table_without_error_bars_is_refused():
     table = _table()
     with pytest.raises(InputError, match="error must be greater than 0"):
-        PressureTable(table.u, table.v, table.q_nodes, table.absorptance_nodes, 0 * table.error, True)
+        PressureTable(table.u, table.v, table.q_nodes, table.absorptance_nodes, 0 * table.error, mirror_v=True)

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynamics.attitude import rotation_from_angles
-from dynamics.mesh import sail_mesh
-from dynamics.scene import read_scene
-from dynamics.table_error import membrane_errors, rigid_errors
+from dynamics.sail.attitude import rotation_from_angles
+from dynamics.sail.mesh import sail_mesh
+from dynamics.sail.table_error import membrane_errors, rigid_errors
+from dynamics.scene.schema import read_scene
 from tests.conftest import DESIGNS
 from tests.synthetic import smooth_table
 

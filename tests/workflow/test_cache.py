@@ -16,9 +16,9 @@ import h5py
 import pytest
 import yaml
 
-from dynamics.scene import read_scene
-from optics.files import load_yaml
-from optics.table import PressureTable
+from beamrider.io.files import load_yaml
+from dynamics.scene.schema import read_scene
+from optics.table.pressure_table import PressureTable
 
 ROOT = Path(__file__).parents[2]
 TABLE, OTHER = "results/tables/si43/thin_film.h5", "results/tables/thick/thin_film.h5"
@@ -30,7 +30,7 @@ FLOWN = {"floquet": 1, "multipliers_figure": 1}
 
 def copy(folder: Path) -> Path:
     """A copy of the project with a configuration of films alone: two designs, a scene that flies on one of them."""
-    for name in ("optics", "dynamics", "workflow"):
+    for name in ("beamrider", "optics", "dynamics", "workflow"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("Snakefile", "constraints.txt"):
         shutil.copy(ROOT / name, folder)
@@ -110,8 +110,8 @@ def test_a_second_run_starts_no_job_nor_do_touched_files(done):
 
 
 def test_comments_and_docstrings_make_no_numbers_again(done, change):
-    change("optics/thin_film.py", lambda text: text.replace(b'"""', b'"""Reworded. ', 1) + b"\n# a comment\n")
-    change("dynamics/kernels/rigid.py", lambda text: b"# a comment\n" + text)
+    change("optics/thin_film/stage.py", lambda text: text.replace(b'"""', b'"""Reworded. ', 1) + b"\n# a comment\n")
+    change("dynamics/rigid/equations.py", lambda text: b"# a comment\n" + text)
     change("workflow/designs/si43.yaml", lambda text: b"# a comment\n" + text)
     assert jobs(done) == {}
 
@@ -119,10 +119,10 @@ def test_comments_and_docstrings_make_no_numbers_again(done, change):
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("dynamics/kernels/rigid.py", {"floquet", "multipliers_figure"}),
-        ("dynamics/scene.py", {"scene_plan", "floquet", "multipliers_figure"}),
-        ("optics/transfer.py", {"thin_film_table", *FLOWN}),
-        ("dynamics/kernels/tearing.py", set()),  # of flexible flight alone
+        ("dynamics/rigid/equations.py", {"floquet", "multipliers_figure"}),
+        ("dynamics/scene/schema.py", {"scene_plan", "floquet", "multipliers_figure"}),
+        ("optics/waves/plane_stack.py", {"thin_film_table", *FLOWN}),
+        ("dynamics/membrane/effects/tearing.py", set()),  # of flexible flight alone
         ("workflow/figures/drawing.py", {"multipliers_figure"}),
     ],
 )
@@ -192,7 +192,7 @@ def test_a_scene_dropped_from_the_configuration_makes_the_report_anew(done, chan
 
 def test_results_tell_what_made_them(done):
     said = subprocess.run(
-        [sys.executable, "-m", "optics.show", "show", TABLE, STABLE, "results/figures/multipliers.png",
+        [sys.executable, "-m", "beamrider.show", "show", TABLE, STABLE, "results/figures/multipliers.png",
          "results/figures/multipliers.svg", "results/contents.sha256"],
         cwd=done, capture_output=True, text=True, check=True,
     ).stdout
@@ -244,7 +244,7 @@ def test_what_a_disk_spoilt_is_refused_once_and_then_made_again(done, change):
     before, about = (done / TABLE).read_bytes(), (done / TABLE).stat()
     (done / TABLE).write_bytes(before[:-500] + bytes(500))
     os.utime(done / TABLE, ns=(about.st_atime_ns, about.st_mtime_ns))
-    change("dynamics/floquet.py", lambda text: text + b"\nEDITED = 1\n")
+    change("dynamics/stability/floquet.py", lambda text: text + b"\nEDITED = 1\n")
     failed = subprocess.run(
         [sys.executable, "-m", "snakemake", "--cores", "1", "--", STABLE], cwd=done, capture_output=True, text=True,
         check=False,

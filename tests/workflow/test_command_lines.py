@@ -1,6 +1,5 @@
 """Every stage ends on wrong input with exit code 2, one line that names the file, and no file left behind."""
 
-import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -8,7 +7,8 @@ from pathlib import Path
 import h5py
 import pytest
 
-from optics.files import run_stage
+from beamrider.io.files import run_stage
+from tests.processes import main_of
 from tests.synthetic import smooth_tables
 
 ROOT = Path(__file__).parents[2]
@@ -26,7 +26,7 @@ def refused(monkeypatch, capsys, tmp_path):
         before = set(tmp_path.rglob("*"))
         monkeypatch.setattr(sys, "argv", [module, *arguments, "--out", str(tmp_path / "out")])
         with pytest.raises(SystemExit) as caught:
-            run_stage(importlib.import_module(module).main)
+            run_stage(main_of(module))
         assert caught.value.code == 2
         assert set(tmp_path.rglob("*")) == before
         (line,) = capsys.readouterr().err.splitlines()
@@ -135,7 +135,7 @@ def test_motion_refuses_an_unusable_output_before_it_reads_or_computes(monkeypat
     out = str(tmp_path / place) if place else ""
     monkeypatch.setattr(sys, "argv", [module, "--scene", "none.yaml", "--out", out])
     with pytest.raises(SystemExit) as caught:
-        run_stage(importlib.import_module(module).main)
+        run_stage(main_of(module))
     assert caught.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: --out = ")

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from optics.files import load_yaml
+from beamrider.io.files import load_yaml
 from workflow.configuration import read_plan
 
 ROOT = Path(__file__).parents[2]
 NODES = '''"""Stands in for the choice of directions: quick, and always the same."""
 from pathlib import Path
-import optics.modal
+import optics.modal.stage
 import sys
 
 def main() -> None:
@@ -40,7 +40,7 @@ def _jobs(folder: Path, *arguments: str) -> dict[str, int]:
 
 
 def _copy(folder: Path) -> Path:
-    for name in ("optics", "dynamics", "workflow"):
+    for name in ("beamrider", "optics", "dynamics", "workflow"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "Snakefile", folder)
     (folder / "optics/nodes.py").write_text(NODES, encoding="utf-8")
@@ -130,9 +130,9 @@ FLIGHTS = {"flights_figure", "snapshots_figure"}
 @pytest.mark.parametrize(
     ("name", "rules"),
     [
-        ("optics/thin_film.py", {"thin_film_table", *LAST}),
-        ("optics/fdtd.py", {"fdtd_part", "fdtd_table", "floquet_fdtd", "fdtd_figure", "checks", *MAPS, *LAST}),
-        ("dynamics/membrane.py", {"flight", *FLIGHTS, *LAST}),
+        ("optics/thin_film/stage.py", {"thin_film_table", *LAST}),
+        ("optics/fdtd/stage.py", {"fdtd_part", "fdtd_table", "floquet_fdtd", "fdtd_figure", "checks", *MAPS, *LAST}),
+        ("dynamics/membrane/flight.py", {"flight", *FLIGHTS, *LAST}),
         ("workflow/figures/multipliers.py", {"multipliers_figure", "all"}),
         ("workflow/designs/wide_gap_te.yaml", {"modal_table", "floquet", *MAPS, *LAST}),
     ],
@@ -143,7 +143,7 @@ def test_an_edit_runs_the_stages_that_import_the_file_and_what_follows(done, edi
 
 
 def test_fdtd_is_not_run_again_where_an_edit_leaves_its_directions_as_they_were(done, edit):
-    edit("optics/modal.py")
+    edit("optics/modal/stage.py")
     expected = {"modal_table", "floquet", "rigid", "flight", "fdtd_figure", "checks", *MAPS, *LOADS, *FLIGHTS, *LAST}
     before = _jobs(done)
     assert set(before) >= {*expected, "fdtd_nodes"}

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
-from optics.cells import read_metagrating
-from optics.fdtd_grid import FdtdSettings, memory
+from optics.cells.schema import read_metagrating
+from optics.fdtd.grid import FdtdSettings, memory
 from workflow import demands
 from workflow.configuration import read_config, read_plan
 

@@ -13,9 +13,9 @@ import pandas as pd
 import pytest
 import yaml
 
-from dynamics.scene import read_scene
-from optics.cells import read_cell, read_metagrating
-from optics.files import InputError, load_yaml, read_lines
+from beamrider.io.files import InputError, load_yaml, read_lines
+from dynamics.scene.schema import read_scene
+from optics.cells.schema import read_cell, read_metagrating
 from workflow.configuration import read_config, read_plan
 from workflow.family import base_parameters, expand, number_cells, read_family
 
@@ -107,7 +107,7 @@ def _snakemake(folder, *arguments):
 
 def test_members_that_fail_cost_no_fdtd_and_no_flight(tmp_path):
     """A small family, really screened: what is left to do is the confirmation of its two best members alone."""
-    for name in ("optics", "dynamics", "workflow"):
+    for name in ("beamrider", "optics", "dynamics", "workflow"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "Snakefile", tmp_path)
     search = tmp_path / "workflow/designs/search.yaml"

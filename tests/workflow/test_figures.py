@@ -14,13 +14,16 @@ import pandas as pd
 import pytest
 from matplotlib.image import imread
 
-from dynamics import basin, floquet, maps, membrane, rigid
-from optics.files import read_json, write_json
-from optics.modal import solve
-from optics.outline import read_grating, upright
-from optics.parquet import write_parquet
-from optics.promise import promised
-from optics.table import PressureTable
+from beamrider.io.files import read_json, write_json
+from beamrider.io.parquet import write_parquet
+from dynamics.membrane import stage as membrane
+from dynamics.rigid import basin
+from dynamics.rigid import stage as rigid
+from dynamics.stability import floquet, maps
+from optics.cells.outline import read_grating, upright
+from optics.modal.stage import solve
+from optics.table.pressure_table import PressureTable
+from optics.table.promise import promised
 from tests.membranes import FIG6, altered
 from tests.synthetic import smooth_tables
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from dynamics.scene import Scene, read_scene
-from optics.cells import read_cell
-from optics.files import InputError, load_yaml
+from beamrider.io.files import InputError, load_yaml
+from dynamics.scene.schema import Scene, read_scene
+from optics.cells.schema import read_cell
 from workflow.configuration import read_plan
 from workflow.family import read_family
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from dynamics.scene import Scene, read_scene
-from optics.files import InputError, load_yaml
-from optics.table import PressureTable
+from beamrider.io.files import InputError, load_yaml
+from dynamics.scene.schema import Scene, read_scene
+from optics.table.pressure_table import PressureTable
 from tests.workflow.test_dag import _copy
 from workflow.configuration import PROGRAM, link_program, read_config, read_plan
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from dynamics.designs import designed
-from dynamics.scene import read_scene
-from optics.files import InputError
+from beamrider.io.files import InputError
+from dynamics.sail.masses import designed
+from dynamics.scene.schema import read_scene
 from tests.synthetic import smooth_tables
 from workflow import heat
 

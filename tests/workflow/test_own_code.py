@@ -16,8 +16,8 @@ ROOT = Path(__file__).parents[2]
 def second(tmp_path_factory) -> Path:
     """A second checkout, whose modules tell where they are."""
     folder = _copy(tmp_path_factory.mktemp("second"))
-    with open(folder / "optics/files.py", "a", encoding="utf-8") as file:
-        file.write("\nprint('FILES OF', Path(__file__).resolve().parents[1])\n")
+    with open(folder / "beamrider/io/files.py", "a", encoding="utf-8") as file:
+        file.write("\nprint('FILES OF', Path(__file__).resolve().parents[2])\n")
     return folder
 
 

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from dynamics import membrane
-from dynamics.model import build
-from dynamics.scene import Scene, read_scene
-from optics.files import InputError
+from beamrider.io.files import InputError
+from dynamics.membrane import flight as membrane
+from dynamics.membrane import stage, summary
+from dynamics.membrane.build import build
+from dynamics.scene.schema import Scene, read_scene
 from tests.membranes import altered
 from tests.synthetic import smooth_tables
 from workflow.published import as_flown, read_published
@@ -84,8 +85,8 @@ def flights(tmp_path_factory):
         flight = membrane.Flight(scene, smooth_tables(), folder / f"{name}.partial")
         end = flight.fly()
         paths[name] = folder / f"{name}.vtkhdf"
-        columns, attributes = flight.columns(), membrane.attributes(flight, end, smooth_tables())
-        membrane.write_flight(paths[name], flight.membrane.mesh, flight.frames(), columns, attributes)
+        columns, attributes = flight.columns(), summary.attributes(flight, end, smooth_tables())
+        stage.write_flight(paths[name], flight.membrane.mesh, flight.frames(), columns, attributes)
     return paths
 
 

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from dynamics.scene import Scene, read_scene
-from optics.compiled import VARIABLE
-from optics.errors import InputError
+from beamrider.io.errors import InputError
+from beamrider.machine_code.cache import VARIABLE
+from dynamics.scene.schema import Scene, read_scene
 from tests.hard.test_bad_days import content
 from tests.membranes import altered
 from tests.workflow.test_dag import ROOT, _copy

@@ -15,12 +15,12 @@ import numpy as np
 from plain_meep import plain, pressure
 from rows import CELLS, DESIGNS, Row, directions, write_measured
 
-from optics.cells import Metagrating, read_metagrating
-from optics.fdtd_direction import extrapolate
-from optics.fdtd_grid import pixels
-from optics.fdtd_run import import_meep
-from optics.files import progress, run_stage
-from optics.lamellar import solve
+from beamrider.io.files import progress, run_stage
+from optics.cells.schema import Metagrating, read_metagrating
+from optics.fdtd.direction import extrapolate
+from optics.fdtd.grid import pixels
+from optics.fdtd.run import import_meep
+from optics.modal.lamellar import solve
 
 RESOLUTIONS = (7.45, 10.65, 14.9, 21.3, 29.8)  # pixels per wavelength in the material
 TRUTH = 120

@@ -20,9 +20,9 @@ import matplotlib as mpl
 import numpy as np
 from flown_rows import COROTATING, Run, Tables, changed, flown, write_flown
 
-from dynamics.model import build
-from dynamics.scene import Scene
-from optics.files import atomic, progress, run_stage
+from beamrider.io.files import atomic, progress, run_stage
+from dynamics.membrane.build import build
+from dynamics.scene.schema import Scene
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

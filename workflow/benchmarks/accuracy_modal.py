@@ -18,9 +18,10 @@ import numpy as np
 import tmm
 from rows import CELLS, DESIGNS, Row, directions, seconds, write_measured
 
-from optics import modal, thin_film
-from optics.cells import read_metagrating
-from optics.files import run_stage
+from beamrider.io.files import run_stage
+from optics.cells.schema import read_metagrating
+from optics.modal import stage as modal
+from optics.thin_film import stage as thin_film
 
 ORDERS = (6, 8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60)
 TRUTH = 120

@@ -21,12 +21,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynamics.kernels import crew, record, reflections, stencil, step
-from dynamics.membrane import Flight
-from dynamics.sail import load_tables
-from dynamics.scene import Scene, read_scene
-from optics.files import atomic, progress, run_stage
-from optics.table import PressureTable
+from beamrider.io.files import atomic, progress, run_stage
+from dynamics.membrane.effects import reflections
+from dynamics.membrane.flight import Flight
+from dynamics.membrane.layout import rows as stencil
+from dynamics.membrane.output import record
+from dynamics.membrane.stepping import step, threads
+from dynamics.sail.sectors import load_tables
+from dynamics.scene.schema import Scene, read_scene
+from optics.table.pressure_table import PressureTable
 
 RINGS, RAYS = 14, 2
 MESHES, FINEST = (10, 14, 20, 28, 40, 56), 80
@@ -79,7 +82,7 @@ def trace(scene: Scene, tables: dict[str, PressureTable]) -> Trace:
     seconds = []
     for _ in range(3):
         # The patch was worked in since: a row takes it, too
-        crew.respond_all(model.light, work.light, state.x, work.broken.gone, model.stencil, work.stencil)
+        threads.respond_all(model.light, work.light, state.x, work.broken.gone, model.stencil, work.stencil)
         begin = time.process_time()
         reflections.bounce(
             model.mirror, work.mirror, model.light, work.light, stencil.patch(work.stencil.scratch, 0), state.x,

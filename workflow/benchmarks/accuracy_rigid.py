@@ -22,10 +22,11 @@ import matplotlib as mpl
 import numpy as np
 from flown_rows import Tables, write_flown
 
-from dynamics import floquet, rigid
-from dynamics.scene import Scene
-from optics.files import atomic, run_stage
-from optics.table import PressureTable
+from beamrider.io.files import atomic, run_stage
+from dynamics.rigid import stage as rigid
+from dynamics.scene.schema import Scene
+from dynamics.stability import floquet
+from optics.table.pressure_table import PressureTable
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

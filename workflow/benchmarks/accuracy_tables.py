@@ -12,9 +12,9 @@ from collections.abc import Iterator
 import numpy as np
 from rows import CELLS, DESIGNS, Row, seconds, write_measured
 
-from optics.cells import read_metagrating
-from optics.files import run_stage
-from optics.modal import make_table, solve
+from beamrider.io.files import run_stage
+from optics.cells.schema import read_metagrating
+from optics.modal.stage import make_table, solve
 
 TOLERANCES = (1e-2, 3e-3, 1e-3)
 RANGE = 0.4227

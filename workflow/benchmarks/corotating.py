@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 from flown_rows import COROTATING, BeyondScheme, Run, Tables, changed, flown
 from rows import write
 
-from dynamics.model import build
-from dynamics.sail import load_tables
-from dynamics.scene import Scene, read_scene
-from optics.files import progress, run_stage
+from beamrider.io.files import progress, run_stage
+from dynamics.membrane.build import build
+from dynamics.sail.sectors import load_tables
+from dynamics.scene.schema import Scene, read_scene
 
 DURATION = 0.02
 RINGS = (10, 20, 30, 60)

@@ -16,10 +16,10 @@ import numpy as np
 from rows import CELLS, DESIGNS
 from threadpoolctl import threadpool_limits
 
-from optics.cells import LamellarStack, Metagrating, read_metagrating
-from optics.lamellar import solve
-from optics.limit import without_limit
-from optics.truncation import change, choose
+from optics.cells.schema import LamellarStack, Metagrating, read_metagrating
+from optics.modal.lamellar import solve
+from optics.modal.limit import without_limit
+from optics.modal.truncation import change, choose
 
 WAVELENGTH = 1064.0
 SMALLEST = 40.0

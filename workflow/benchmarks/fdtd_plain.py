@@ -19,13 +19,13 @@ from plain_meep import plain, pressure
 from rows import DESIGNS
 from threadpoolctl import threadpool_limits
 
-from optics.cells import Metagrating, read_metagrating
-from optics.fdtd_direction import solve_direction
-from optics.fdtd_grid import FdtdSettings
-from optics.fdtd_run import import_meep
-from optics.files import run_stage, validate
-from optics.lamellar import solve
-from optics.table import PressureTable
+from beamrider.io.files import run_stage, validate
+from optics.cells.schema import Metagrating, read_metagrating
+from optics.fdtd.direction import solve_direction
+from optics.fdtd.grid import FdtdSettings
+from optics.fdtd.run import import_meep
+from optics.modal.lamellar import solve
+from optics.table.pressure_table import PressureTable
 
 RESOLUTIONS = (14.9, 21.3)
 SIDE, ORDER = 51, 40

@@ -25,14 +25,14 @@ import numba
 import numpy as np
 from rows import seconds as best
 
-from dynamics.kernels import stencil
-from dynamics.kernels.crew import sweep_all
-from dynamics.kernels.record import WIDTH
-from dynamics.kernels.step import run
-from dynamics.membrane import Flight
-from dynamics.scene import Scene, read_scene
-from optics.files import atomic, run_stage
-from optics.table import PressureTable
+from beamrider.io.files import atomic, run_stage
+from dynamics.membrane.flight import Flight
+from dynamics.membrane.layout import rows as stencil
+from dynamics.membrane.output.record import WIDTH
+from dynamics.membrane.stepping.step import run
+from dynamics.membrane.stepping.threads import sweep_all
+from dynamics.scene.schema import Scene, read_scene
+from optics.table.pressure_table import PressureTable
 
 SCENES = Path(__file__).parents[1] / "scenes"
 #: How often flights that are compared are set up.

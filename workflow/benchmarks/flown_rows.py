@@ -13,11 +13,11 @@ import numpy as np
 from rows import write
 from scipy.interpolate import CubicSpline
 
-from dynamics.membrane import Flight
-from dynamics.sail import load_tables
-from dynamics.scene import Scene, read_scene
-from optics.files import InputError, atomic
-from optics.table import PressureTable
+from beamrider.io.files import InputError, atomic
+from dynamics.membrane.flight import Flight
+from dynamics.sail.sectors import load_tables
+from dynamics.scene.schema import Scene, read_scene
+from optics.table.pressure_table import PressureTable
 
 Tables = dict[str, PressureTable]
 

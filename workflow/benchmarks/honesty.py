@@ -26,14 +26,14 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from optics import thin_film
-from optics.cells import ThinFilm, read_cell
-from optics.files import atomic, progress
-from optics.modal import solve
-from optics.outline import Grating, is_upright, upright
-from optics.promise import MISSED
-from optics.steps import modal_cell
-from optics.table import PressureTable
+from beamrider.io.files import atomic, progress
+from optics.cells.outline import Grating, is_upright, upright
+from optics.cells.schema import ThinFilm, read_cell
+from optics.modal.stage import solve
+from optics.modal.steps import modal_cell
+from optics.table.pressure_table import PressureTable
+from optics.table.promise import MISSED
+from optics.thin_film import stage as thin_film
 
 Floats = np.ndarray
 WAVELENGTH = 1064.0

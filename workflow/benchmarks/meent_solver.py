@@ -8,7 +8,7 @@ from typing import Any
 import meent
 import numpy as np
 
-from optics.cells import LamellarStack, Metagrating, as_stack
+from optics.cells.schema import LamellarStack, Metagrating, as_stack
 
 PIXEL_NM = 10.0
 

@@ -17,9 +17,9 @@ import numpy as np
 from rows import CELLS, DESIGNS, seconds
 from threadpoolctl import threadpool_limits
 
-from optics.cells import Metagrating, read_metagrating
-from optics.lamellar import solve
-from optics.truncation import choose
+from optics.cells.schema import Metagrating, read_metagrating
+from optics.modal.lamellar import solve
+from optics.modal.truncation import choose
 
 RANGE = 0.4227
 TOLERANCE = 1e-3

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from optics import fdtd_efficiencies
-from optics.fdtd_direction import values
-from optics.fdtd_grid import FdtdSettings, pixels
-from optics.fdtd_medium import Media
-from optics.fdtd_run import Run
+from optics.fdtd import efficiencies as fdtd_efficiencies
+from optics.fdtd.direction import values
+from optics.fdtd.grid import FdtdSettings, pixels
+from optics.fdtd.medium import Media
+from optics.fdtd.run import Run
 
 SETTINGS = FdtdSettings()
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from optics.files import atomic
+from beamrider.io.files import atomic
 
 DESIGNS = Path(__file__).parents[1] / "designs"
 CELLS = ("mark1e_te", "mark1e_tm")

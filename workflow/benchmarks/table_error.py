@@ -14,9 +14,9 @@ import numpy as np
 from rows import DESIGNS, seconds
 from threadpoolctl import threadpool_limits
 
-from optics.cells import Metagrating, read_metagrating
-from optics.modal import make_table, solve
-from optics.table import PressureTable
+from optics.cells.schema import Metagrating, read_metagrating
+from optics.modal.stage import make_table, solve
+from optics.table.pressure_table import PressureTable
 
 RANGE, TOLERANCE, TRUTH = 0.4227, 1e-3, 60
 ROWS, LINES = 2000, 5

@@ -17,8 +17,9 @@ from typing import Any
 import numba
 import numpy as np
 
-from optics.interpolation import Floats, TableArrays, lookup, lookup_many, lookup_slopes_many
-from optics.table import PressureTable
+from beamrider.arrays import Floats
+from optics.table.lookup import TableArrays, lookup, lookup_many, lookup_slopes_many
+from optics.table.pressure_table import PressureTable
 
 DIRECTIONS, REPEATS = 20_000, 300
 

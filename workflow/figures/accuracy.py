@@ -11,7 +11,7 @@ from drawing import COLOURS, parser, plt, save
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from optics.files import atomic, run_stage
+from beamrider.io.files import atomic, run_stage
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 from rows import (  # type: ignore[import-not-found]

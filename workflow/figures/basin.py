@@ -10,9 +10,9 @@ from drawing import np, parser, plt, save
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from beamrider.io.files import InputError, reading, run_stage
+from beamrider.io.hdf5 import read_hdf5
 from dynamics.light.beam import Beam
-from optics.files import InputError, reading, run_stage
-from optics.hdf5 import read_hdf5
 
 TITLES = {"sail_frame": "incidence seen by the sail", "yaw_blind": "incidence of the paper, blind to yaw"}
 

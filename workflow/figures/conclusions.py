@@ -11,7 +11,7 @@ import numpy as np
 from drawing import BLUE, ORANGE, parser, plt, save
 from matplotlib.figure import Figure
 
-from optics.files import atomic, read_json, run_stage
+from beamrider.io.files import atomic, read_json, run_stage
 
 MODELS = {"yaw_blind": "yaw-blind", "sail_frame": "true"}
 RELEASES = {"displaced": "displaced", "tilted": "displaced and tilted"}

@@ -8,19 +8,19 @@ from typing import Any
 
 import h5py
 import matplotlib as mpl
+import numpy as np  # noqa: F401 - for the figures
+
+from beamrider.arrays import Floats
 
 mpl.use("Agg")
 
 import matplotlib.pyplot as plt
-import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from optics.files import Stopwatch, atomic, finish, reading
-from optics.hdf5 import read_hdf5
-from optics.made import NAME, as_attribute
+from beamrider.io.files import Stopwatch, atomic, finish, reading
+from beamrider.io.hdf5 import read_hdf5
+from beamrider.provenance.record import NAME, as_attribute
 
-Floats = NDArray[np.float64]
 WATCH = Stopwatch()
 
 # Okabe & Ito's colours, told apart with every kind of colour vision.

@@ -11,8 +11,8 @@ from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
-from optics.files import run_stage
-from optics.parquet import read_parquet
+from beamrider.io.files import run_stage
+from beamrider.io.parquet import read_parquet
 
 # Where the tables of the paper's "20 % larger gap" really lie, and the gaps taken at their word, in nm.
 PAPER_GAPS = {"the paper's tables of its 20 % case": (337.5, 342.0, "D"), "a gap 20 % wider": (228.0, 240.0, "s")}

@@ -8,9 +8,9 @@ from drawing import COLOURS, Floats, np, parser, plt, save
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from optics.files import reading, run_stage
-from optics.hdf5 import read_hdf5
-from optics.table import PressureTable
+from beamrider.io.files import reading, run_stage
+from beamrider.io.hdf5 import read_hdf5
+from optics.table.pressure_table import PressureTable
 
 MARKERS = ("o", "s", "^", "D", "v", "P")
 COLUMNS = ("u", "v", "q_g", "q_n", "error", "seconds", "finest")

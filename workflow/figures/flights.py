@@ -6,7 +6,7 @@ from drawing import BLUE, GREEN, ORANGE, RED, Floats, named, np, parser, plt, re
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from optics.files import run_stage
+from beamrider.io.files import run_stage
 
 Series = dict[str, Floats]
 MODELS = (("rigid", BLUE, 1.8), ("flexible", ORANGE, 0.8))

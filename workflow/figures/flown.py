@@ -9,9 +9,9 @@ from typing import Any
 
 from drawing import Floats, np, read_series
 
-from dynamics.scene import Scene
-from optics.files import reading
-from optics.hdf5 import read_hdf5
+from beamrider.io.files import reading
+from beamrider.io.hdf5 import read_hdf5
+from dynamics.scene.schema import Scene
 
 #: Share of its first breadth below which a sail counts as collapsed.
 NARROW = 0.5

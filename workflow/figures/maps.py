@@ -9,9 +9,9 @@ from drawing import BLUE, ORANGE, parser, plt, save
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from dynamics.maps import equilibria
-from optics.files import reading, run_stage
-from optics.hdf5 import read_hdf5
+from beamrider.io.files import reading, run_stage
+from beamrider.io.hdf5 import read_hdf5
+from dynamics.stability.maps import equilibria
 
 Maps = dict[str, np.ndarray]
 

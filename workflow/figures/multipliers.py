@@ -10,7 +10,7 @@ from drawing import COLOURS, named, parser, plt, save, solver
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from optics.files import read_json, run_stage
+from beamrider.io.files import read_json, run_stage
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 

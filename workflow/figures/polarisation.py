@@ -18,13 +18,13 @@ from drawing import COLOURS, Floats, np, parser, plt, save
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from dynamics import rigid
-from dynamics.attitude import rotation_from_angles
-from dynamics.rigid_body import rigid_body
-from dynamics.sail import load_tables
-from dynamics.scene import Scene, read_scene
-from optics.files import atomic, run_stage
-from optics.table import PressureTable
+from beamrider.io.files import atomic, run_stage
+from dynamics.rigid import stage as rigid
+from dynamics.rigid.body import rigid_body
+from dynamics.sail.attitude import rotation_from_angles
+from dynamics.sail.sectors import load_tables
+from dynamics.scene.schema import Scene, read_scene
+from optics.table.pressure_table import PressureTable
 
 Tables = dict[str, PressureTable]
 NOMINAL = 90.0  # the cells are made for E along body y

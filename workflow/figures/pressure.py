@@ -10,8 +10,8 @@ from drawing import parser, plt, save
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from optics.files import run_stage
-from optics.table import PressureTable
+from beamrider.io.files import run_stage
+from optics.table.pressure_table import PressureTable
 
 POINTS = 181
 ROWS = ((0, "$q_g$ (across the ridges)"), (2, "$q_n$ (along the normal)"))

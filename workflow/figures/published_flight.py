@@ -21,7 +21,7 @@ from published import Expected, PublishedFlight, read_published
 from snapshots import Snapshot
 from snapshots import read as read_snapshots
 
-from optics.files import run_stage
+from beamrider.io.files import run_stage
 
 Columns = tuple[tuple[str, float, str | None], ...]
 

@@ -17,7 +17,7 @@ from drawing import named, np
 from flown import Flown, events, number, outcome, read
 from published import Expected, PublishedFlight, Quantity, read_published
 
-from optics.files import atomic, run_stage
+from beamrider.io.files import atomic, run_stage
 
 
 class Row(NamedTuple):

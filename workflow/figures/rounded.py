@@ -15,10 +15,10 @@ from drawing import BLUE, ORANGE, RED, Floats, np, parser, plt, save
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
-from optics.files import atomic, run_stage
-from optics.modal import solve
-from optics.outline import read_grating, upright
-from optics.table import PressureTable
+from beamrider.io.files import atomic, run_stage
+from optics.cells.outline import read_grating, upright
+from optics.modal.stage import solve
+from optics.table.pressure_table import PressureTable
 
 ORDERS = 27  # within 3e-4 of the paper's cells here
 SLICES = 12

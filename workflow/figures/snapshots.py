@@ -10,8 +10,8 @@ from drawing import Floats, np, parser, plt, save
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
-from optics.files import reading, run_stage
-from optics.hdf5 import read_hdf5
+from beamrider.io.files import reading, run_stage
+from beamrider.io.hdf5 import read_hdf5
 
 COUNT = 4
 

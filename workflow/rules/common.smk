@@ -10,9 +10,9 @@ from snakemake.logging import logger
 # The project's own modules are those beside this workflow, whichever copy of it is installed.
 sys.path.insert(0, workflow.basedir)
 
-from optics.files import InputError
-from optics.compiled import digest as digest_of_kernels
-from optics.sources import digest_of
+from beamrider.io.files import InputError
+from beamrider.machine_code.cache import digest as digest_of_kernels
+from beamrider.provenance.sources import digest_of
 from workflow.configuration import SOURCE, link_program, read_config, read_plan
 from workflow.demands import attach
 from workflow.keys import WHOLE_GRAPH, Keys

@@ -1,0 +1,1 @@
+"""Compiled code: where it is kept, that it is today's, and that its making is said."""

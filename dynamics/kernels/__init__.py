@@ -1,1 +1,0 @@
-"""Compiled kernels on plain arrays, one file an effect."""

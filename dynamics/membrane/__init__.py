@@ -1,0 +1,1 @@
+"""Flight of the sail as a membrane: lit, heated, spinning, tearing."""

@@ -1,0 +1,1 @@
+"""Effects on a membrane, one file each: compiled functions on plain arrays."""

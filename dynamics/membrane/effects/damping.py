@@ -1,0 +1,74 @@
+"""Damping of the material, after Kelvin and Voigt: stress = stiffness · (strain + τ · rate of strain).
+
+The Green strain of a triangle is linear in its squared sides q, so the viscous part of its forces follows from τ dq/dt
+as the elastic part does from the excess of q (see `sheet`). Forces act along the sides: momentum and angular momentum
+stay as they are, and a sail that only turns is not braked.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+
+from beamrider.arrays import Floats
+from dynamics.membrane.effects.sheet import Sheet, SheetWork
+from dynamics.membrane.effects.springs import Springs, collect, negate, separations
+
+
+class DampingWork(NamedTuple):
+    """Work space: pull (3, 2e + 1), whose last column stays 0, rate (e,) in m²/s, tension (3t + 1,) in N/m, last 0.
+
+    force (3, n): the sum at the nodes in N.
+    """
+
+    pull: Floats
+    rate: Floats
+    tension: Floats
+    force: Floats
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _rates(springs: Springs, v: Floats, pull: Floats, rate: Floats) -> None:
+    """Rates (e,) 2 d·(v_b − v_a) of the squared lengths of edges with vectors pull[:, :e], nodes moving at v (3, n)."""
+    for e in range(rate.size):
+        a, b = springs.start[e], springs.end[e]
+        rate[e] = 2.0 * (
+            pull[0, e] * (v[0, b] - v[0, a]) + pull[1, e] * (v[1, b] - v[1, a]) + pull[2, e] * (v[2, b] - v[2, a])
+        )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _tighten(tau: Floats, sheet: Sheet, modulus: Floats, shear: Floats, rate: Floats, tension: Floats) -> None:
+    """Viscous tension (3t,) of the sides of all triangles."""
+    t, c, sides = tau.size, sheet.cotangent, sheet.sides
+    for i in range(t):
+        p, q, s = tau[i] * rate[sides[i]], tau[i] * rate[sides[t + i]], tau[i] * rate[sides[2 * t + i]]
+        trace, half = modulus[i] * (c[i] * p + c[t + i] * q + c[2 * t + i] * s), 0.5 * (p + q + s)
+        tension[i] = c[i] * trace - shear[i] * (half - p)
+        tension[t + i] = c[t + i] * trace - shear[i] * (half - q)
+        tension[2 * t + i] = c[2 * t + i] * trace - shear[i] * (half - s)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def resist(
+    tau: Floats, sheet: Sheet, elastic: SheetWork, springs: Springs, work: DampingWork, x: Floats, v: Floats,
+    per_mass: Floats, acceleration: Floats,
+) -> None:
+    """Add to acceleration (3, n), per_mass (n,) in 1/kg, what triangles resist the motion v (3, n) with.
+
+    tau (t,): their retardation time in s.
+    """
+    separations(x, springs.start, springs.end, work.pull)
+    _rates(springs, v, work.pull, work.rate)
+    _tighten(tau, sheet, elastic.modulus, elastic.shear, work.rate, work.tension)
+    size = work.rate.size
+    first, second = sheet.slots[0], sheet.slots[1]
+    for c in range(3):
+        for e in range(size):
+            work.pull[c, e] *= work.tension[first[e]] + work.tension[second[e]]
+        negate(work.pull[c], size)
+    collect(work.pull, springs.slots, work.force)
+    for c in range(3):
+        for i in range(per_mass.size):
+            acceleration[c, i] += work.force[c, i] * per_mass[i]

@@ -1,0 +1,1 @@
+"""What a flight leaves: rows of numbers, the VTKHDF file, checkpoints."""

@@ -1,0 +1,66 @@
+"""Flexible flight: the sail as masses and springs, lit, heated and spinning, from spin-up to the end of the scene.
+
+    python -m dynamics.membrane --scene workflow/scenes/s3.yaml --tables te.h5 tm.h5 --out flight.vtkhdf
+
+A flight that was killed goes on from its last checkpoint, in the folder flight.vtkhdf.partial, when the same command is
+given again, and ends with the same bits.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from beamrider.io.files import InputError, write_json
+from beamrider.machine_code.notice import compiling
+from dynamics.membrane.flight import Flight
+from dynamics.membrane.output.flight_file import write_flight
+from dynamics.membrane.pace import foresee
+from dynamics.membrane.plan import plan
+from dynamics.membrane.release import check_tilt
+from dynamics.membrane.summary import attributes, errors_met
+from dynamics.sail.neglected import said
+from dynamics.sail.sectors import check_place, check_release, load_tables, require_own_polarisation
+from dynamics.scene.command_line import finish, stage_arguments
+from dynamics.scene.schema import read_scene
+
+
+def main() -> None:
+    """Fly the flexible sail of a scene and write its flight."""
+    more = {
+        "--plan": "JSON file for the plan of effects",
+        "--threads": {"type": int, "default": 1, "help": "threads that fly the sail, at most one a core (%(default)s)"},
+    }
+    given = stage_arguments("dynamics.membrane", main.__doc__, "VTKHDF file to write", options=more)
+    out = Path(given.out)
+    if not 1 <= given.threads <= len(os.sched_getaffinity(0)):
+        raise InputError(f"--threads = {given.threads}: must be from 1 to {len(os.sched_getaffinity(0))}, the cores")
+    scene = read_scene(given.scene)
+    if scene.reflections.polarisation != "tracked":
+        require_own_polarisation(scene, "a flexible flight without reflections.polarisation: tracked")
+    tables = load_tables(given.tables, scene)
+    check_release(scene, tables)
+    check_place(scene, np.array(scene.release.offset_m))
+    if given.plan:
+        write_json(given.plan, {name: effect.model_dump() for name, effect in plan(scene).items()})
+    check_tilt(scene)
+    with compiling("2 min"):
+        foresee(scene, lambda coarse, folder: Flight(coarse, tables, folder, given.threads), out)
+        flight = Flight(scene, tables, out.with_name(out.name + ".partial"), given.threads)
+        if flight.resume():
+            print(f"{scene.name}: going on from step {flight.step}", file=sys.stderr)
+        end = flight.fly()
+    # Within the folder first: a process killed now leaves nothing beside the output
+    made = out.with_name(out.name + ".partial") / out.name
+    size = flight.journal.frames.nbytes + flight.journal.rows.nbytes
+    met = errors_met(flight, tables)
+    told = attributes(flight, end, tables) | met.attributes()
+    write_flight(made, flight.membrane.mesh, flight.frames(), flight.columns(), told, size)
+    made.replace(out)
+    flight.journal.remove()
+    where = "" if end.reason == "finished" else f" ({end.detail}, near {np.array2string(end.position, precision=4)} m)"
+    ended = f"{end.reason} at {end.time:.6g} s{where}, {end.step} steps"
+    finish(out, given.watch, ended, [met.text, said(told["neglected"])])

@@ -1,0 +1,1 @@
+"""Time stepping: explicit, and co-rotating."""

@@ -1,0 +1,1 @@
+"""Flight of the sail as a rigid body, and the basin of offsets and tilts from which it stays on its beam."""

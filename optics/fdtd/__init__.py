@@ -1,0 +1,1 @@
+"""Tables of gratings by FDTD (Meep)."""

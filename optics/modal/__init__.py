@@ -1,0 +1,1 @@
+"""Tables of gratings by the Fourier modal method."""

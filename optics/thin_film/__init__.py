@@ -1,0 +1,1 @@
+"""Tables of plane films, by transfer matrices."""
