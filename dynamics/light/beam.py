@@ -9,7 +9,7 @@ import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from beamrider.io.files import NonNegative, Number, Positive, Strict
 from dynamics.light import spots
@@ -100,10 +100,14 @@ class Beam(Strict):
         kind = profile.get("kind") if isinstance(profile, dict) else getattr(profile, "kind", None)
         if kind not in ("map", "sum"):
             return data
-        own = profile if isinstance(profile, Map | Sum) else (Map if kind == "map" else Sum).model_validate(profile)
+        try:
+            own = profile if isinstance(profile, Map | Sum) else (Map if kind == "map" else Sum).model_validate(profile)
+        except ValidationError:  # said where the field itself is looked at
+            return {"radius_m": 1.0, "intensity_W_m2": 1.0, **data}
         found = own.extent[2] if isinstance(own, Map) else spots.reach([part.spot for part in own.parts])
         data = {"radius_m": found, **data, "profile": own}
-        if not math.isclose(data["radius_m"], found, rel_tol=1e-9) or data.get("radius_y_m") is not None:
+        given = data["radius_m"]
+        if (isinstance(given, float | int) and not math.isclose(given, found, rel_tol=1e-9)) or data.get("radius_y_m"):
             raise ValueError(f"radius_m = {data['radius_m']}: must be left out: a {kind} brings its own, {found:.6g}")
         if isinstance(own, Map) and math.isfinite(own.grid.peak):
             data = {"intensity_W_m2": own.grid.peak, **data}

@@ -68,19 +68,14 @@ class Noise(Strict):
         """Highest frequency in Hz."""
         return self.spectrum[-1][0] if self.spectrum else float(self.cutoff_Hz or 0.0)
 
-    def density(self, f: Floats) -> Floats:
-        """One-sided power density (...) in unit²/Hz at frequencies f (...) in Hz."""
-        if self.spectrum:
-            known, values = np.array(self.spectrum).T
-            return np.interp(f, known, values, left=0.0, right=0.0)
-        return np.where(f <= self.highest, float(self.rms or 0.0) ** 2 / self.highest, 0.0)
-
     def record(self, channel: int) -> tuple[Floats, Floats]:
         """Times (n + 1,) in s and values of one period."""
         lines = np.arange(1, math.floor(self.highest * self.record_s * (1.0 + 1e-12)) + 1)
-        powers = self.density(lines / self.record_s) / self.record_s
-        if self.spectrum is None:
-            powers *= float(self.rms or 0.0) ** 2 / powers.sum()  # exactly, whatever share of a line the cut-off leaves
+        if self.spectrum is None:  # the whole, whatever share of a line the cut-off leaves
+            powers = np.full(lines.size, float(self.rms or 0.0) ** 2 / lines.size)
+        else:
+            known, values = np.array(self.spectrum).T
+            powers = np.interp(lines / self.record_s, known, values, left=0.0, right=0.0) / self.record_s
         phases = np.random.default_rng([self.seed, channel]).uniform(0.0, 2.0 * np.pi, lines.size)
         n = POINTS * (lines.size + 1)
         modes = np.zeros(n // 2 + 1, complex)

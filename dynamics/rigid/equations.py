@@ -173,19 +173,17 @@ def load(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _aimed(
-    sail: RigidSail, tables: tuple[TableArrays, ...], light: Light, t: float, turn: Floats, state: Floats, out: Floats
-) -> int:
-    """`load` in a beam whose axis wanders: in the frame of which it is z."""
-    place, seen, frame, now = np.empty((3, 1)), np.empty((3, 3)), np.empty((3, 3)), np.empty(5)
-    place[:, 0] = state[:3]
+def _see(light: Light, t: float, position: Floats, turn: Floats) -> tuple[float, float]:
+    """Turn the rotation of a body at `position` to the frame of a beam that wanders; the place across it there."""
+    lab, frame, now, place = turn.copy(), np.empty((3, 3)), np.empty(5), np.empty((3, 1))
+    place[:, 0] = position
     aim(light.wander, t, place)
     where(light.wander, t, now)
     axes(now, frame)
     for i in range(3):
         for j in range(3):
-            seen[i, j] = frame[i, 0] * turn[0, j] + frame[i, 1] * turn[1, j] + frame[i, 2] * turn[2, j]
-    return load(sail, tables, light, t, seen, place[0, 0], place[1, 0], out)
+            turn[i, j] = frame[i, 0] * lab[0, j] + frame[i, 1] * lab[1, j] + frame[i, 2] * lab[2, j]
+    return place[0, 0], place[1, 0]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -202,12 +200,14 @@ def derivative(
     share = light.power * ramp(t, light.delay, light.rise, light.on)
     flag = INSIDE
     if share > 0.0:
+        across, along = state[0], state[1]
         if light.wander.periods.size > 0:
-            flag = _aimed(sail, tables, light, t, turn, state, body)
+            across, along = _see(light, t, state[:3], turn)
             share *= brightness(light.wander, t)
-        else:
-            flag = load(sail, tables, light, t, turn, state[0], state[1], body)
+        flag = load(sail, tables, light, t, turn, across, along, body)
         body *= share
+        if light.wander.periods.size > 0:
+            rotation(state[6:10], turn)
     w, x, y, z = state[6], state[7], state[8], state[9]
     p, q, r = state[10], state[11], state[12]
     out[6] = -0.5 * (x * p + y * q + z * r)

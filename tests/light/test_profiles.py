@@ -174,6 +174,13 @@ def test_a_map_goes_through_its_points_and_ends_dark(of_map: Beam, tmp_path: Pat
     assert np.allclose(light.intensity(again, *places), light.intensity(of_map, *places), rtol=1e-9, atol=1.0)
 
 
+def test_a_beam_names_the_files_that_it_is_read_from(of_map: Beam, tmp_path: Path):
+    (tmp_path / "path.csv").write_text("t_s,x_m,y_m\n0,0,0\n1,0.1,0.2\n", encoding="utf-8")
+    both = Beam.model_validate(of_map.model_dump() | {"pointing": {"path_file": "path.csv"}})
+    assert both.files == ["map.h5", "path.csv"]
+    assert beam({"kind": "gaussian"}).files == []
+
+
 def test_a_map_turns_with_the_angle_and_takes_another_peak(of_map: Beam):
     turned = Beam.model_validate(of_map.model_dump() | {"angle_deg": 90.0, "intensity_W_m2": 1.0})
     x, y = np.random.default_rng(6).uniform(-0.5, 0.5, (2, 50))
