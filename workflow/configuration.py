@@ -19,7 +19,7 @@ from dynamics.scene.schema import Scene, read_scene
 from optics.cells.schema import Cell, ThinFilm, read_cell
 
 SOURCE = "workflow/config.yaml"
-PROGRAM = ("workflow", "beamrider", "optics", "dynamics", "tests")
+PROGRAM = ("workflow", "beamrider", "optics", "dynamics")
 
 Tolerance = Annotated[float, Field(gt=0, lt=1)]
 Cosine = Annotated[float, Field(gt=0, lt=1)]

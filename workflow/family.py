@@ -1,6 +1,6 @@
 """Families of designs: ranges, lists or random errors for parameters of a sail's two cells, its sectors and its beam.
 
-    python workflow/family.py --family workflow/designs/search.yaml --out DIR
+    python -m workflow.family --family workflow/designs/search.yaml --out DIR
 
 expands a family to DIR/cells.jsonl, every cell once, and DIR/members.parquet, one row a sail: its parameters and the
 numbers of its two cells. Member 0 is the base scene's own sail.

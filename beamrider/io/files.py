@@ -250,12 +250,13 @@ def progress(items: Iterable[Any], what: str, total: int | None = None, unit: st
     )
 
 
-def _refuse_other_code(script: Path) -> None:
-    """InputError where a script of one checkout would compute with the modules of another, the one installed."""
-    own = next((folder.parent for folder in script.parents if folder.name == "workflow"), None)
+def _refuse_other_code(main: Path) -> None:
+    """InputError where the program of one checkout would compute with the modules of another, the one installed."""
+    own = next((folder.parent for folder in main.parents if folder.name == "workflow"), None)
     ours = Path(__file__).resolve().parents[2]
     if own not in (None, ours) and (own / "optics").is_dir():
-        raise InputError(f"{script}: would compute with the modules of {ours}; set PYTHONPATH={own}")
+        name = ".".join(main.relative_to(own).with_suffix("").parts)
+        raise InputError(f"{main}: would compute with the modules of {ours}; in {own}: python -m {name}")
 
 
 def run_stage(main: Callable[[], None]) -> None:

@@ -30,7 +30,7 @@ def release(membrane: Membrane, state: State) -> None:
     tilt = rotation_from_angles(np.radians(given.roll_deg), np.radians(given.pitch_deg), yaw)
     state.x[...] = tilt @ state.x + np.array([*given.offset_m, 0.0])[:, None]
     state.v[...] = tilt @ state.v
-    if membrane.carrier is not None:
+    if membrane.corotating is not None:
         state.v[...] *= chord_speed(membrane.scene, membrane.model.dt)
 
 

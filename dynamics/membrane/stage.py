@@ -16,9 +16,9 @@ import numpy as np
 
 from beamrider.io.files import InputError, write_json
 from beamrider.machine_code.notice import compiling
+from dynamics.membrane.coarse_forecast import forecast_fine
 from dynamics.membrane.flight import Flight
 from dynamics.membrane.output.flight_file import write_flight
-from dynamics.membrane.pace import foresee
 from dynamics.membrane.plan import plan
 from dynamics.membrane.release import check_tilt
 from dynamics.membrane.summary import attributes, errors_met
@@ -48,7 +48,7 @@ def main() -> None:
         write_json(given.plan, {name: effect.model_dump() for name, effect in plan(scene).items()})
     check_tilt(scene)
     with compiling("2 min"):
-        foresee(scene, lambda coarse, folder: Flight(coarse, tables, folder, given.threads), out)
+        forecast_fine(scene, lambda coarse, folder: Flight(coarse, tables, folder, given.threads), out)
         flight = Flight(scene, tables, out.with_name(out.name + ".partial"), given.threads)
         if flight.resume():
             print(f"{scene.name}: going on from step {flight.step}", file=sys.stderr)

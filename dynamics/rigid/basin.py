@@ -29,7 +29,7 @@ from beamrider.io.hdf5 import new_hdf5, read_hdf5, real
 from beamrider.machine_code.notice import compiling
 from dynamics.rigid import integrator as kernel
 from dynamics.rigid.body import RigidBody, rigid_body
-from dynamics.rigid.stage import REASONS, pace, terms_of
+from dynamics.rigid.stage import REASONS, step_seconds, terms_of
 from dynamics.sail.forecast import require_cells, say_basin
 from dynamics.sail.sectors import load_tables, provenance
 from dynamics.scene import schema as scenes
@@ -132,7 +132,7 @@ def _foresee(body: RigidBody, scene: scenes.Scene, grid: Grid, cells: NDArray[np
     terms, seconds = terms_of(scene, body.units), []
     for cell in cells[:TRIALS]:
         start = body.start(grid.release(int(cell), scene.release.spin_Hz))
-        steps, each = pace(body, terms, kernel.start(start, terms.rows.size))
+        steps, each = step_seconds(body, terms, kernel.start(start, terms.rows.size))
         seconds.append(each * min(1.0, scene.rigid.most_steps / steps))
     say_basin(scene, cells.size, float(np.mean(seconds)))
 

@@ -126,7 +126,7 @@ def fly(
         state[: kernel.MOTION] = np.asarray(start, float) / body.units.state[: kernel.MOTION]
     terms = terms_of(scene, body.units)
     work = kernel.start(state, terms.rows.size)
-    steps, seconds = pace(body, terms, work)
+    steps, seconds = step_seconds(body, terms, work)
     say_rigid(scene, rows, steps, seconds)
     _integrate(body, terms, work, scene.name)
     times, states = _rows(terms, work)
@@ -154,7 +154,7 @@ def terms_of(scene: scenes.Scene, units: Units) -> kernel.Terms:
     )
 
 
-def pace(body: RigidBody, terms: kernel.Terms, work: kernel.Work) -> tuple[float, float]:
+def step_seconds(body: RigidBody, terms: kernel.Terms, work: kernel.Work) -> tuple[float, float]:
     """Steps and wall time in s that a flight would take which went on as it begins, with everything compiled."""
     copies: list[Any] = [array.copy() for array in work]
     trial = kernel.Work(*copies)._replace(states=work.states[:0])

@@ -56,9 +56,9 @@ def choose_nodes(
     More orders, which are returned, where those don't suffice for the resonances: these move by more than their width.
     InputError where that is forecast to take longer than `most_minutes`.
     """
-    cell = chosen.cell
-
-    watch = Stopwatch()
+    cell, watch = chosen.cell, Stopwatch()
+    window = resonance_window(cell, u_max, v_max)
+    chosen = replace(chosen, reach=(u_max + window.reach, v_max))
 
     def solver(n: int, scout: bool = False) -> Solve:
         negligible = min(_NEGLIGIBLE * tolerance, _NOISE)
@@ -78,7 +78,7 @@ def choose_nodes(
     announce(forecast(solver(chosen.order), u, v, len(curves), chosen.order, layers), cell.name, most_minutes)
     parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
     name, measures = f"modal {cell.name}", (own_error, error_in_any)
-    samples, window = start(solver(chosen.order), curves, u, v, parity, OWN), resonance_window(cell, u_max, v_max)
+    samples = start(solver(chosen.order), curves, u, v, parity, OWN)
     few = scout(min(chosen.order, guided_order(cell, u_max) + _MARGIN))
     if not are_there(few, samples, window, tolerance, name):
         return chosen, refine(samples, tolerance, measures, name)

@@ -118,7 +118,7 @@ def amplitudes(
 
 def momentum(
     index: ArrayLike, thickness: ArrayLike, wavelength: ArrayLike, u: ArrayLike, v: ArrayLike,
-    p_share: ArrayLike = 0.5, coherent: ArrayLike = True, *, from_back: bool = False,
+    *, p_share: ArrayLike = 0.5, coherent: ArrayLike = True, from_back: bool = False,
 ) -> tuple[Floats, FilmResponse]:
     """Pressure coefficients q (..., 3) in (g, r, n) of a film tilted any way, and the response they follow from.
 
@@ -178,7 +178,9 @@ def pressure(
     cell: ThinFilm, u: Floats, v: Floats | float = 0.0, *, from_back: bool = False
 ) -> tuple[Floats, FilmResponse]:
     """Q (..., 3) of the cell for light k/k₀ = (u, v, ·), and the response it follows from; see `momentum`."""
-    return momentum(*_arrays(cell), u, v, P_SHARE[cell.polarisation], _coherent(cell), from_back=from_back)
+    return momentum(
+        *_arrays(cell), u, v, p_share=P_SHARE[cell.polarisation], coherent=_coherent(cell), from_back=from_back
+    )
 
 
 def polarised(cell: ThinFilm, s: Floats) -> Floats | None:

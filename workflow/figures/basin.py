@@ -6,13 +6,15 @@ import json
 from pathlib import Path
 from typing import Any
 
-from drawing import np, parser, plt, save
+import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamrider.io.files import InputError, reading, run_stage
 from beamrider.io.hdf5 import read_hdf5
 from dynamics.light.beam import Beam
+from workflow.figures.drawing import parser, save
 
 TITLES = {"sail_frame": "incidence seen by the sail", "yaw_blind": "incidence of the paper, blind to yaw"}
 
