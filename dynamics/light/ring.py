@@ -31,8 +31,10 @@ class Ring(Profile):
     """I = I₀ (2ρ²/(ℓ w²))^ℓ exp(ℓ − 2ρ²/w²), w the radius of its Gaussian factor, I₀ on the brightest circle."""
 
     kind: Literal["ring"] = "ring"
+    """What the profile is."""
     charge: Annotated[int, Field(
         ge=0, le=50, description="Turns ℓ of phase about the axis; brightest at radius·√(ℓ/2); 0 is a Gaussian beam.",
+        json_schema_extra={"unit": "turns"},
     )] = 1
 
     @property
