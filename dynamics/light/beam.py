@@ -32,7 +32,7 @@ class Part(Strict):
 
     profile: Annotated[Shape, Field(discriminator="kind", description="As the beam's own, without 'sum'.")] = Gaussian()
     share: Annotated[NonNegative, Field(
-        description="Share of intensity_W_m2 where the spot is brightest.", json_schema_extra=DIMENSIONLESS
+        description="Share of intensity_W_m2 where the spot is brightest.", json_schema_extra=DIMENSIONLESS,
     )] = 1.0
     x_m: Annotated[Number, Field(description="Place of its middle in m.")] = 0.0
     y_m: Annotated[Number, Field(description="Place of its middle in m.")] = 0.0

@@ -38,11 +38,12 @@ class Noise(Strict):
     """A random record: either `rms`, white up to `cutoff_Hz`, or a one-sided `spectrum`. Units: what it is noise of."""
 
     rms: Annotated[NonNegative | None, Field(
-        description="Root mean square, in m, degrees or as a share.", json_schema_extra={"unit": "m, ° or 1"}
+        description="Root mean square.", json_schema_extra={"unit": "m, ° or share"},
     )] = None
     cutoff_Hz: Annotated[Positive | None, Field(description="Highest frequency in Hz of a white spectrum.")] = None
     spectrum: Annotated[list[Density] | None, Field(
-        min_length=2, max_length=10_000, json_schema_extra={"unit": "Hz, unit²/Hz"},
+        json_schema_extra={"unit": "Hz, (m, ° or share)²/Hz"},
+        min_length=2, max_length=10_000,
         description="Rows of frequency in Hz and one-sided power density in unit²/Hz, straight between; 0 outside.",
     )] = None
     seed: Annotated[int, Field(
@@ -97,7 +98,8 @@ class Pointing(Strict):
     """
 
     path: Annotated[list[Row] | None, Field(
-        min_length=2, max_length=MOST_ROWS, json_schema_extra={"unit": "s, m, m, °, °"},
+        json_schema_extra={"unit": "s, m, m, °, °"},
+        min_length=2, max_length=MOST_ROWS,
         description="Rows of time in s, x and y in m and, if it tilts, tilt towards x and y in degrees.",
     )] = None
     path_file: Annotated[str | None, Field(

@@ -13,6 +13,7 @@ import numpy as np
 from numba import carray
 from pydantic import Field
 
+from beamrider.io.files import DIMENSIONLESS
 from dynamics.light.compiled import OWN, SHARE, squared
 from dynamics.light.intensity import decay
 from dynamics.light.profile import Floats, Profile
@@ -33,8 +34,8 @@ class Ring(Profile):
     kind: Literal["ring"] = "ring"
     """What the profile is."""
     charge: Annotated[int, Field(
-        ge=0, le=50, description="Turns ℓ of phase about the axis; brightest at radius·√(ℓ/2); 0 is a Gaussian beam.",
-        json_schema_extra={"unit": "turns"},
+        ge=0, le=50, json_schema_extra=DIMENSIONLESS,
+        description="Turns ℓ of phase about the axis; brightest at radius·√(ℓ/2); 0 is a Gaussian beam.",
     )] = 1
 
     @property
