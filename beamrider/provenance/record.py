@@ -25,10 +25,13 @@ _begun: tuple[str, tuple[str, ...]] | None = None
 
 
 @contextlib.contextmanager
-def by(main: Callable[[], None]) -> Iterator[None]:
-    """While a stage runs, whose command is `main`: what it writes says so, with its command line."""
+def by(main: Callable[[], None], program: str | None = None) -> Iterator[None]:
+    """While a stage runs, whose command is `main`: what it writes says so, with its command line.
+
+    program: its name, where that is not what runs.
+    """
     global _begun
-    _begun = _program(main), tuple(sys.argv[1:])
+    _begun = program or _program(main), tuple(sys.argv[1:])
     try:
         yield
     finally:

@@ -65,9 +65,16 @@ def digest_of_file(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
+def is_text(node: ast.stmt) -> bool:
+    """Is a statement nothing but text, as docstrings are."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
 def _without_docstrings(tree: ast.Module) -> ast.Module:
-    """The tree itself, its docstrings taken out."""
+    """The tree itself, its docstrings taken out, those below the fields of classes too."""
     for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef):
+            node.body[1:] = [part for part in node.body[1:] if not is_text(part)]
         documented = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
         if documented and ast.get_docstring(node, clean=False) is not None:  # type: ignore[arg-type]
             del node.body[0]  # type: ignore[attr-defined]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from beamrider.io.files import write_json
+from beamrider.io.arguments import stage_arguments
+from beamrider.io.files import finish, write_json
 from dynamics.membrane.effects import EFFECTS
 from dynamics.membrane.effects.interface import Plan
-from dynamics.scene.command_line import finish, stage_arguments
 from dynamics.scene.schema import Scene, read_scene
 
 

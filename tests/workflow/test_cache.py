@@ -191,7 +191,7 @@ def test_a_scene_dropped_from_the_configuration_makes_the_report_anew(done, chan
 
 def test_results_tell_what_made_them(done):
     said = subprocess.run(
-        [sys.executable, "-m", "beamrider.show", "show", TABLE, STABLE, "results/figures/multipliers.png",
+        [sys.executable, "-m", "beamrider.show", TABLE, STABLE, "results/figures/multipliers.png",
          "results/figures/multipliers.svg", "results/contents.sha256"],
         cwd=done, capture_output=True, text=True, check=True,
     ).stdout

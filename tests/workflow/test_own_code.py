@@ -44,7 +44,5 @@ def test_a_file_that_would_compute_with_other_code_is_refused(second):
     done = _run([sys.executable, "workflow/checks.py", "--out", "checks.json"], second)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
-    assert line.endswith(
-        f"would compute with the modules of {ROOT}; in {second.resolve()}: python -m workflow.checks"
-    )
+    assert line.endswith(f"would compute with the modules of {ROOT}; use python -m workflow.checks")
     assert not (second / "checks.json").exists()

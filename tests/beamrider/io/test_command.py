@@ -2,8 +2,9 @@
 
 import pytest
 
+from beamrider.io.arguments import part_of
 from beamrider.io.files import InputError, check_out
-from optics.table.command_line import check_range
+from optics.waves.incidence import check_range
 from tests.processes import main_of
 
 
@@ -30,3 +31,10 @@ def test_tolerances_that_make_no_sense(module, tolerance, tmp_path, monkeypatch)
     monkeypatch.setattr("sys.argv", arguments)
     with pytest.raises(InputError, match="--tolerance = "):
         main_of(f"optics.{module}")()
+
+
+@pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b", "1/2/3", "-1/2", "+1/2", "1/", ""])
+def test_a_part_that_is_none_is_refused(text):
+    with pytest.raises(InputError, match=r"--block = .*: must be i/n with 1 ≤ i ≤ n"):
+        part_of("--block", text)
+    assert part_of("--part", "3/8") == (3, 8)

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from beamrider.io.files import Stopwatch, amount
+from beamrider.io.files import Stopwatch, amount, finish
 from beamrider.io.parquet import write_parquet
-from dynamics.scene.command_line import finish
 from tests.families import many_cells, many_members
 from tests.membranes import small, write_inputs
 from tests.processes import main_of

@@ -29,7 +29,8 @@ print("FILES", *sorted(inside))
 def test_sources_are_what_python_loads(program):
     loads = program if program.startswith("workflow") else f"{program}.__main__"
     output = subprocess.run(
-        [sys.executable, "-c", LISTED.format(run=f"import {loads}")], cwd=ROOT, capture_output=True, text=True, check=True
+        [sys.executable, "-c", LISTED.format(run=f"import {loads}")], cwd=ROOT, capture_output=True, text=True,
+        check=True,
     ).stdout
     loaded = {name for line in output.splitlines() if line.startswith("FILES") for name in line.split()[1:]}
     assert set(sources(program, ROOT)) == loaded

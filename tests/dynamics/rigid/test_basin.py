@@ -68,9 +68,3 @@ def test_a_sail_that_is_pushed_out_is_lost_at_the_limit():
     assert lost[3:].all()
     assert columns["distance_max"][lost] == pytest.approx(0.12, abs=1e-9)
     assert (columns["end_time"][lost] < 1.0).all()
-
-
-@pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b"])
-def test_a_block_that_is_none_is_refused(text: str):
-    with pytest.raises(InputError, match=r"--block = .*: must be i/n"):
-        basin._block(text)

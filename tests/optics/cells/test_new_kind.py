@@ -32,7 +32,8 @@ def test_a_kind_of_its_own_is_read_weighed_and_solved(tmp_path, monkeypatch):
     monkeypatch.setitem(cross_section._SLABS, "sawtooth", cross_section._profile)
     path = tmp_path / "saw.yaml"
     path.write_text(
-        "{kind: sawtooth, name: saw, wavelength_nm: 1064, electric_axis: r, period_nm: 900, height_nm: 300, index: {n: 2}}"
+        "{kind: sawtooth, name: saw, wavelength_nm: 1064, electric_axis: r, period_nm: 900, height_nm: 300, "
+        "index: {n: 2}}"
     )
     cell = read_grating(path)
     ((vertices, permittivity),) = polygons(cell)

@@ -8,6 +8,7 @@ from optics.cells.schema import Profile, ThinFilm
 from optics.modal.absorption import imbalance
 from optics.modal.lamellar import solve
 from optics.modal.normal_incidence import normal_response
+from optics.modal.slabs import slabs
 from optics.modal.steps import Slanted, modal_cell
 from optics.thin_film.stage import pressure
 
@@ -97,3 +98,28 @@ def test_the_response_at_normal_incidence_has_slopes():
     found = normal_response(cell, 12, Slanted(profile(BLAZE), 16))
     fine = solve(cell, 0.01 * np.array([-1.0, 1.0]), np.zeros(1), 12).q[:, 0]
     assert found.gradient[0, 0] == pytest.approx(np.diff(fine, axis=0)[0, 0] / 0.02, rel=0.02)
+
+
+@pytest.mark.parametrize("index", [{}, {"k": 0.1}])
+def test_slabs_of_many_steps_do_what_the_steps_do(index):
+    """Polynomials in u and v, on both sides of the plane of incidence and up to the corners of what was asked for."""
+    cell, reach = profile(BLAZE, back=1.45, **index), (0.25, 0.2)
+    u, v = np.array([-0.25, -0.031, 0.17, 0.25]), np.array([-0.2, 0.0, 0.013, 0.2])
+    assert slabs(Slanted(cell, 48, reach), 9) is not None
+    one, other = (solve(of, u, v, 9) for of in (Slanted(cell, 48), Slanted(cell, 48, reach)))
+    assert np.abs(one.q_stokes - other.q_stokes).max() < 1e-8
+    assert np.abs(one.absorptance_stokes - other.absorptance_stokes).max() < 1e-8
+
+
+def test_directions_beyond_the_reach_of_slabs_are_taken_in_steps():
+    cell, u = profile(BLAZE), np.array([0.1, 0.3])
+    one, other = (solve(of, u, V, 6) for of in (Slanted(cell, 16), Slanted(cell, 16, (0.25, 0.2))))
+    assert np.array_equal(one.q_stokes, other.q_stokes)
+
+
+def test_steps_too_thick_for_polynomials_are_not_joined():
+    """Waves decay so fast in silver that the approximant of a step is far from an exponential: it has poles."""
+    cell = profile(BLAZE, n=0.22, k=7.1)
+    assert slabs(Slanted(cell, 8, (0.25, 0.2)), 9) is None
+    one, other = (solve(of, U[1:2], V, 9) for of in (Slanted(cell, 8), Slanted(cell, 8, (0.25, 0.2))))
+    assert np.array_equal(one.q_stokes, other.q_stokes)
