@@ -25,6 +25,7 @@ class Gaussian(Profile):
     """I = I₀ exp(−2ρ²/w²), w the radius."""
 
     kind: Literal["gaussian"] = "gaussian"
+    """What the profile is."""
 
     @property
     def function(self) -> Callable[..., None]:
