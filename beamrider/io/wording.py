@@ -36,7 +36,8 @@ MUST = {
     "multiple_of": "a multiple of {multiple_of:g}",
     "string_too_short": "of at least {min_length} characters", "string_too_long": "of at most {max_length} characters",
     "string_pattern_mismatch": "made of letters, digits, '_', '.' and '-' only, a letter, digit or '_' first",
-    "union_tag_invalid": "one of {expected_tags}", "recursion_loop": "a value that does not hold itself",
+    "union_tag_invalid": "one of {expected_tags}",
+    "union_tag_not_found": "a mapping that names its kind", "recursion_loop": "a value that does not hold itself",
 }
 #: What a branch of a union is for, by the beginning of its name.
 TEXT, LIST, NUMBER = ("str", "constrained-str", "literal"), ("list", "tuple"), ("int", "float", "constrained-")

@@ -36,6 +36,8 @@ from optics.table.pressure_table import PressureTable
 
 #: Share of the stability bound that is taken as time step when the scene gives none; tension stiffens a spinning sail.
 MARGIN = 0.8
+#: Updates of the held light to the shortest period of the beam's jitter: it then lags by less than 1 % of it.
+HOLDS = 16
 INTEGRATORS = {
     "semi_implicit_euler": integrators.SEMI_IMPLICIT_EULER, "verlet": integrators.VERLET, "rk4": integrators.RK4,
     "corotating": integrators.VERLET,
@@ -84,6 +86,22 @@ def time_step(scene: Scene, mesh: Mesh, lat: Lattice) -> float:
     return flight.time_step_s
 
 
+def _check_wander(scene: Scene, dt: float) -> None:
+    """InputError where the held light is too old to follow the beam, or is that of light along z alone."""
+    pointing, hold = scene.beam.pointing, scene.flight.optics_every * dt
+    for key, noise in (("jitter_m", pointing.jitter_m), ("jitter_deg", pointing.jitter_deg)):
+        if noise is not None and hold > 1.0 / (HOLDS * noise.highest):
+            raise InputError(
+                f"{scene.name}.yaml: flight.optics_every = {scene.flight.optics_every}: so many steps of {dt:.3g} s "
+                f"must be below {1.0 / (HOLDS * noise.highest):.3g} s, for {HOLDS} to the shortest period of "
+                f"beam.pointing.{key}"
+            )
+    if scene.incidence == "yaw_blind" and pointing.tilts:
+        raise InputError(
+            f"{scene.name}.yaml: beam.pointing: tilts need incidence: sail_frame; yaw_blind knows light along z alone"
+        )
+
+
 def _check_energy(scene: Scene, absorptances: list[float]) -> None:
     """InputError where a region would take up or give back more light than it gets; of each the highest absorptance."""
     for i, (region, absorptance) in enumerate(zip(scene.sail.regions, absorptances, strict=True)):
@@ -125,6 +143,7 @@ def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
     _check_energy(scene, absorptances)
     lat = lattice(scene.sail, mesh, scene.flight)
     setup = Setup(scene, tables, plan(scene), mesh, lat, time_step(scene, mesh, lat))
+    _check_wander(scene, setup.dt)
     model, corotates = _model(setup), scene.flight.integrator == "corotating"
     # Its two-step method for the temperatures is stable for half as long
     check_heat(

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dynamics.light.pointing import from_beam
 from dynamics.membrane.effects import tearing
 from dynamics.membrane.flight import End, Flight
 from dynamics.sail.neglected import neglected
@@ -29,6 +30,9 @@ def errors_met(flight: Flight, tables: dict[str, PressureTable]) -> TableErrors:
     """What the tables' stated errors come to on the way of a flight, in its snapshots from the release on."""
     n, mesh = flight.model.masses.size, flight.membrane.mesh
     points = [numbers[1 : 1 + 3 * n].reshape(n, 3) for numbers in flight.journal.frames if numbers[0] >= 0.0]
+    if flight.model.effects.light.wander.periods.size > 0:
+        times = [float(numbers[0]) for numbers in flight.journal.frames if numbers[0] >= 0.0]
+        points = [from_beam(flight.model.effects.light.wander, t, one) for t, one in zip(times, points, strict=True)]
     return membrane_errors(flight.membrane.scene, tables, mesh, points)
 
 

@@ -83,7 +83,7 @@ class Grid(Strict):
 
     def over(self, beam: scenes.Beam) -> Grid:
         """The grid with the offsets that suit a beam, where it leaves them open."""
-        return self if self.offsets_m else self.model_copy(update={"offsets_m": [0.0, 9.0 * beam.radius_m / 10.0]})
+        return self if self.offsets_m else self.model_copy(update={"offsets_m": [0.0, 9.0 * beam.reach_m / 10.0]})
 
     @property
     def offsets(self) -> Floats:
@@ -121,7 +121,7 @@ class Basin:
 
 def limited(scene: scenes.Scene, grid: Grid) -> scenes.Scene:
     """The scene with the grid's duration, tolerance and limit, and no rows but the first."""
-    limit = scene.beam.radius_m if grid.limit_m is None else grid.limit_m
+    limit = scene.beam.reach_m if grid.limit_m is None else grid.limit_m
     rigid = scene.rigid.model_copy(update={
         "duration_s": grid.duration_s, "tolerance": grid.tolerance, "output_Hz": 1.0 / grid.duration_s,
     })

@@ -11,47 +11,17 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from beamrider.io.files import DIMENSIONLESS, InputError, Name, NonNegative, Pair, Positive, Strict, read_model
+from beamrider.io.files import DIMENSIONLESS, InputError, Name, Pair, Positive, Strict, read_model
+from dynamics.light.beam import Beam as Beam
+from dynamics.light.beam import Rate as Rate
 from dynamics.scene.sail_schema import Fraction, Region, Sail
 
-#: Longest time in s that a scene may speak of, 30 years, and most turns a second; most steps and intervals of steps.
+#: Longest time in s that a scene may speak of, 30 years; most steps and intervals of steps.
 Duration = Annotated[float, Field(ge=1e-15, le=1e9)]
-Rate = Annotated[float, Field(ge=-1e9, le=1e9)]
 Count = Annotated[int, Field(ge=1, le=10**12, json_schema_extra={"unit": "steps"})]
 Every = Annotated[int, Field(ge=1, le=10000, json_schema_extra={"unit": "steps"})]
 Factor = Annotated[Positive, Field(json_schema_extra=DIMENSIONLESS)]
 Kelvin = Annotated[float, Field(ge=1e-3, le=1e6)]
-
-
-class Beam(Strict):
-    """Gaussian beam along +z, I = I₀ exp(−2ρ²/w²); off for `delay_s`, rises in `rise_s`, on for `on_s`, falls alike."""
-
-    intensity_W_m2: NonNegative
-    """Intensity I₀ on the axis."""
-    radius_m: Positive
-    """1/e² intensity radius w."""
-    delay_s: NonNegative = 0.0
-    """Time from the release until the light begins to rise."""
-    rise_s: NonNegative = 1e-6
-    """Time in which it rises, and falls."""
-    on_s: Positive = 1e9
-    """Time for which it is on."""
-    polarisation: Literal["sail", "lab", "turning"] = "sail"
-    """'sail' turns with the sail, so that each cell always sees its own (the paper).
-
-    'lab' is linear at `polarisation_deg`; 'turning' starts there and turns at `polarisation_Hz`. These two are for
-    rigid flight on tables that hold the Stokes response, and for reflections with `polarisation: tracked`.
-    """
-    polarisation_deg: Rate = 0.0
-    """Direction of the field from x towards y; with reflections of tracked polarisation and 'sail', from the body's."""
-    polarisation_Hz: Rate = 0.0
-    """Turns a second of the field, where it is 'turning'."""
-
-    @model_validator(mode="after")
-    def _one_polarisation(self) -> Beam:
-        if self.polarisation != "turning" and self.polarisation_Hz != 0.0:
-            raise ValueError(f"polarisation_Hz = {self.polarisation_Hz:g}: needs polarisation: turning")
-        return self
 
 
 class Release(Strict):
@@ -249,7 +219,7 @@ class Scene(Strict):
     @property
     def fly_away(self) -> float:
         """Distance in m from the axis at which a flight ends."""
-        return self.flight.fly_away_m or 2.5 * max(self.sail.radius_m, self.beam.radius_m)
+        return self.flight.fly_away_m or 2.5 * max(self.sail.radius_m, self.beam.reach_m)
 
     def tabled(self, region: Region) -> bool:
         """Does the absorptance of a region come from its design's table."""

@@ -23,9 +23,11 @@ from beamrider.io.files import InputError, Stopwatch, finish, progress, take_out
 from beamrider.io.parquet import read_parquet, rows_of, write_parquet
 from beamrider.provenance.record import as_attribute
 from dynamics.light.intensity import LIGHT_SPEED
+from dynamics.light.moments import Moments, round_moments
+from dynamics.light.profile import Profile
 from dynamics.sail.forecast import require_members, say_members
 from dynamics.scene import schema as scenes
-from dynamics.stability.derivatives import Moments, derivatives, moments
+from dynamics.stability.derivatives import derivatives
 from dynamics.stability.linear import RESOLUTION, LinearModel, growth, margin
 
 CHUNK = 2048
@@ -73,7 +75,18 @@ def sails(scene: scenes.Scene, members: pd.DataFrame, areal_mass: Floats) -> Sai
     force = np.full(len(members), scene.beam.intensity_W_m2 * 4.0 * radius**2 / LIGHT_SPEED)
     spin = 2.0 * np.pi * members["sail.spin_Hz"].to_numpy() * time
     g = np.array([sector.g for sector in scene.sail.sectors])
-    return Sails(g, group, moments(start, stop, 0.5, width), inertia, spin, time, mass, force)
+    light = round_moments(_profile(scene), start, stop, 0.5, width)
+    return Sails(g, group, light, inertia, spin, time, mass, force)
+
+
+def _profile(scene: scenes.Scene) -> Profile:
+    """The profile of the beam, whose radius is the members'; InputError where it is not one round spot that stays."""
+    spots = scene.beam.spots
+    if len(spots) > 1 or not spots[0].round:
+        raise InputError(f"{scene.name}.yaml: beam.profile: screening needs one round spot")
+    if scene.beam.pointing.path is not None:
+        raise InputError(f"{scene.name}.yaml: beam.pointing.path: a beam that moves has no equilibrium to analyse")
+    return spots[0].profile
 
 
 def _groups(scene: scenes.Scene) -> NDArray[np.int64]:

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from beamrider.io.files import InputError
+from dynamics.light.gaussian import Gaussian
+from dynamics.light.gaussian_rules import NARROWEST, beam_rules
 from dynamics.light.intensity import LIGHT_SPEED
+from dynamics.light.moments import round_moments
 from dynamics.membrane.flight import Flight
 from dynamics.membrane.output.record import COLUMNS
 from dynamics.rigid.body import rigid_body
-from dynamics.rigid.quadrature import NARROWEST, beam_rules
 from dynamics.sail.caught_light import MOST, check_light, share_wrong
 from dynamics.sail.mesh import sail_mesh
 from dynamics.scene.schema import Scene
-from dynamics.stability.derivatives import moments
 from dynamics.stability.floquet import analyse
 from tests.membranes import FIG6, altered, dark, film, small
 from tests.mirrors import lit
@@ -87,14 +88,14 @@ def test_the_share_is_that_of_the_integral():
     a, b, c = (mesh.nodes[mesh.triangles[:, i], :2] for i in range(3))
     middle = np.exp(-2.0 * (((a + b + c) / 3.0) ** 2).sum(axis=1) / 0.1**2) @ mesh.areas
     want = abs(middle / (0.5 * np.pi * 0.1**2) - 1.0)
-    assert share_wrong(mesh, 0.1, np.zeros((1, 2))) == pytest.approx(want, rel=3e-2)
+    assert share_wrong(mesh, shining(0.1, 10).beam.spots, np.zeros((1, 2))) == pytest.approx(want, rel=3e-2)
 
 
 @pytest.mark.parametrize("ratio", [0.099, 0.04, 0.015, NARROWEST])
 @pytest.mark.parametrize("spans", [FOUR, ((0.0, 2.0 * np.pi),)])
 def test_the_rules_of_rigid_sails_hold_for_narrow_beams(ratio, spans):
     rules = beam_rules(spans, 1.0, ratio)
-    exact, whole = moments(*np.array(spans).T, 1.0, ratio), 0.5 * np.pi * ratio**2
+    exact, whole = round_moments(Gaussian(), *np.array(spans).T, 1.0, ratio), 0.5 * np.pi * ratio**2
     for rule in (0, len(rules.reach) - 1):
         for s in range(len(spans)):
             x, y, dark_, weight = rules.points[rules.first[rule, s] : rules.first[rule, s + 1]].T

@@ -67,10 +67,10 @@ def _breadth(points: Floats) -> float:
 def events(flown: FlightResult) -> dict[str, float]:
     """Outcomes with their times in s, in order of time; empty for a sail that rides the beam to the end."""
     found, series, reason = {}, flown.released, str(flown.end["end_reason"])
-    away = np.flatnonzero(np.hypot(*series["position"][:, :2].T) > flown.scene.beam.radius_m)
+    away = np.flatnonzero(np.hypot(*series["position"][:, :2].T) > flown.scene.beam.reach_m)
     if away.size or reason == "fly_away":
         found["leaves the beam"] = float(series["time"][away[0]]) if away.size else float(flown.end["end_time"])
-    start = _widening(np.hypot(*series["position"][:, :2].T), flown.scene.beam.radius_m)
+    start = _widening(np.hypot(*series["position"][:, :2].T), flown.scene.beam.reach_m)
     if start is not None and not found:
         found["swings wider and wider"] = float(series["time"][start])
     narrow = np.flatnonzero(flown.breadth < NARROW)

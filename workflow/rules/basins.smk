@@ -9,6 +9,7 @@ rule basin_part:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
+        light=lit_by,
     output:
         "results/scenes/{scene}/basin/{incidence}/part{part}.h5",
     log:
@@ -32,6 +33,7 @@ rule basin:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
+        light=lit_by,
         parts=lambda wildcards: [
             f"results/scenes/{wildcards.scene}/basin/{wildcards.incidence}/part{i + 1}.h5"
             for i in range(basin_parts(wildcards))

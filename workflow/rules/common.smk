@@ -72,6 +72,11 @@ def flown(wildcards):
     return checked(plan.tables, wildcards.scene)
 
 
+def lit_by(wildcards):
+    """Files that the beam of a scene is read from."""
+    return checked(plan.scene, wildcards.scene).beam.files
+
+
 def nodes(wildcards):
     """File of the directions that FDTD solves, once they are known."""
     return checkpoints.fdtd_nodes.get(design=wildcards.design).output

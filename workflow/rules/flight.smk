@@ -5,6 +5,7 @@ rule rigid:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
+        light=lit_by,
     output:
         "results/scenes/{scene}/rigid.h5",
     log:
@@ -26,6 +27,7 @@ rule flight:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
+        light=lit_by,
     output:
         "results/scenes/{scene}/flight.vtkhdf",
     log:

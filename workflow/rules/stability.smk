@@ -24,6 +24,7 @@ rule floquet:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
+        light=lit_by,
     output:
         "results/scenes/{scene}/floquet.json",
     log:
@@ -44,6 +45,7 @@ use rule floquet as floquet_fdtd with:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=lambda wildcards: checked(plan.tables, wildcards.scene, "fdtd"),
+        light=lit_by,
     output:
         "results/scenes/{scene}/floquet_fdtd.json",
     log:
@@ -82,6 +84,7 @@ rule maps:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
+        light=lit_by,
     output:
         "results/scenes/{scene}/maps.h5",
     log:
@@ -173,6 +176,7 @@ rule heat:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
+        light=lit_by,
     output:
         "results/cases/heat_{scene}.json",
     log:

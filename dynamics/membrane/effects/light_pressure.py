@@ -19,7 +19,10 @@ import numpy as np
 
 from beamrider.arrays import Floats, Indices, Integers
 from beamrider.machine_code.streams import streams
-from dynamics.light.intensity import LIGHT_SPEED, decay
+from dynamics.light.aim import Wander
+from dynamics.light.compiled import Profile, shine
+from dynamics.light.intensity import LIGHT_SPEED
+from dynamics.light.spots import pack
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects.interface import Decision, Plan, Setup, hook, only_if, own, starts, unsigned
 from dynamics.membrane.effects.tables import Tables, concatenated, table
@@ -59,9 +62,10 @@ class LightPressure(NamedTuple):
 
     corners (3, t): node indices. cos_across, sin_across (t,): g against the first side. rest_g (2, t): g of the rest
     layout. absorptance, reflectance (t,): of the material and of sectors without a table; absorptance −f takes f
-    times the table's. ranges (s, 3): table (or −1), first and end triangle of each
-    sector. intensity, radius, delay, rise, on: the beam, in SI. yaw_blind: incidence from the lab tilt alone. clamp:
-    count directions outside their table instead of stopping, unless the light comes from behind.
+    times the table's. ranges (s, 3): table (or −1), first and end triangle of each sector. intensity, delay, rise, on:
+    the beam, in SI; profile: across it, packed for thirds of a metre; wander: of its axis and power. yaw_blind:
+    incidence from the lab tilt alone. clamp: count directions outside their table instead of stopping, unless the light
+    comes from behind.
     """
 
     corners: Indices
@@ -73,7 +77,8 @@ class LightPressure(NamedTuple):
     tables: Tables
     ranges: Integers
     intensity: float
-    radius: float
+    profile: Profile
+    wander: Wander
     delay: float
     rise: float
     on: float
@@ -122,8 +127,8 @@ def build(setup: Setup) -> LightPressure:
         tables=concatenated(
             [setup.tables[design].arrays(nearest) for design in scene.sail.designs] if on else [], nearest
         ),
-        ranges=_ranges(scene, mesh), intensity=scene.beam.intensity_W_m2, radius=scene.beam.radius_m,
-        delay=scene.beam.delay_s, rise=scene.beam.rise_s, on=scene.beam.on_s,
+        ranges=_ranges(scene, mesh), intensity=scene.beam.intensity_W_m2, profile=pack(scene.beam.spots, 3.0),
+        wander=scene.beam.wander, delay=scene.beam.delay_s, rise=scene.beam.rise_s, on=scene.beam.on_s,
         yaw_blind=scene.incidence == "yaw_blind", clamp=scene.outside_table == "clamp",
     )
 
@@ -270,17 +275,17 @@ def _look_up(
 
 @numba.njit(cache=True, error_model="numpy")
 def _shine(light: LightPressure, x: Floats, patch: Patch, incident: Floats, begin: int, at: int, n: int) -> None:
-    """Power I A |w| in W on each triangle at full ramp, with the intensity at its centroid."""
-    x0, x1, narrow = x[0], x[1], -2.0 / (9.0 * light.radius * light.radius)
+    """Power I A |w| in W on each triangle at full ramp, with the intensity at its centroid; u, v are not kept."""
+    x0, x1 = x[0], x[1]
     c0, c1, c2 = light.corners[0], light.corners[1], light.corners[2]
-    out = incident[begin : begin + n]
+    a, b = patch.frame[8], patch.frame[9]
     for i in range(n):
         p, q, s = c0[begin + i], c1[begin + i], c2[begin + i]
-        a, b = x0[p] + x0[q] + x0[s], x1[p] + x1[q] + x1[s]
-        out[i] = narrow * (a * a + b * b)
-    w, double = patch.frame[2, at : at + n], patch.frame[3, at : at + n]
+        a[at + i], b[at + i] = x0[p] + x0[q] + x0[s], x1[p] + x1[q] + x1[s]
+    shine(light.profile, a, b, at, n, incident, begin)
+    out, w, double = incident[begin : begin + n], patch.frame[2, at : at + n], patch.frame[3, at : at + n]
     for i in range(n):
-        out[i] = light.intensity * decay(out[i]) * 0.5 * double[i] * abs(w[i])
+        out[i] = light.intensity * out[i] * 0.5 * double[i] * abs(w[i])
 
 
 @numba.njit(cache=True, error_model="numpy")

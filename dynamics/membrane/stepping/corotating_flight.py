@@ -5,6 +5,7 @@ from __future__ import annotations
 import numba
 
 from beamrider.arrays import Floats
+from dynamics.light.aim import brightness
 from dynamics.light.intensity import mean_ramp
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects import failure
@@ -26,8 +27,10 @@ from dynamics.membrane.stepping.threads import dismiss
 @numba.njit(cache=True, error_model="numpy")
 def _gain(model: Model, begin: float, end: float) -> float:
     """Mean share of the beam's full intensity from `begin` to `end` in s: it may rise within a small part of a step."""
+    if not model.lit:
+        return 0.0
     light = model.effects.light
-    return mean_ramp(begin, end, light.delay, light.rise, light.on) if model.lit else 0.0
+    return mean_ramp(begin, end, light.delay, light.rise, light.on) * brightness(light.wander, 0.5 * (begin + end))
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numba
 
 from beamrider.arrays import Floats
+from dynamics.light.aim import brightness
 from dynamics.light.intensity import ramp
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects.composition import acts_each_step
@@ -18,7 +19,8 @@ from dynamics.membrane.stepping.threads import sweep_all
 @numba.njit(cache=True, error_model="numpy")
 def gain_at(model: Model, t: float) -> float:
     """Share of the beam's full intensity at time t in s."""
-    return ramp(t, model.effects.light.delay, model.effects.light.rise, model.effects.light.on) if model.lit else 0.0
+    light = model.effects.light
+    return ramp(t, light.delay, light.rise, light.on) * brightness(light.wander, t) if model.lit else 0.0
 
 
 @numba.njit(cache=True, error_model="numpy")

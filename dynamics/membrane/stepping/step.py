@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Floats
+from dynamics.light.aim import aim
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects import composition, failure, properties, sheet, tearing, thermal
 from dynamics.membrane.effects.spin import extrapolate, kick
@@ -28,13 +29,16 @@ def _light_up(model: Model, work: WorkSpace, x: Floats, v: Floats, temperature: 
     """New coefficients of the light's forces at time t in s; INTACT or LEFT_TABLE.
 
     What is held over k steps is that of the middle of them, (k − 1)/2 steps ahead: late coefficients would be an error
-    of first order.
+    of first order. Coefficients are those of the triangles' own frames, so the nodes may be seen in that of a beam that
+    wanders.
     """
     ahead, own, light = 0.5 * (model.optics_every - 1) * model.dt, model.effects.light, work.effects.light
     if model.optics_every > 1:
         extrapolate(model.masses, x, v, ahead, work.ahead)
     else:
         copy(x, work.ahead)
+    if own.wander.periods.size > 0:
+        aim(own.wander, t + ahead, work.ahead)
     properties.absorb(model.effects.properties.absorption, own.corners, temperature, light.absorptance)
     respond_all(own, light, work.ahead, work.effects.tearing.gone, model.stencil, work.stencil)
     if light.outside[2] > 0 or (light.outside[0] > 0 and not own.clamp):

@@ -62,7 +62,7 @@ def hottest_possible(
     faces = np.array([m.lowest("emissivity_front") + m.lowest("emissivity_back") for m in materials])[mesh.sector]
     light = np.zeros(len(mesh.areas))
     if heat.absorbs:
-        light += scene.beam.intensity_W_m2 * np.array(absorptances)[mesh.sector]
+        light += scene.beam.brightest_W_m2 * np.array(absorptances)[mesh.sector]
     least = np.array([m.lowest("heat_capacity_J_kgK") for m in materials])[mesh.sector]
     capacity = per_triangle(sail, mesh, "areal_mass") * least
     kept = flight.start_temperature_K + light * flight.duration_s * flight.thermal_rate / capacity

@@ -1,4 +1,4 @@
-"""Gauss rules for the beam over the sectors of a round sail: few points where the beam is near the sail's middle.
+"""Gauss rules for a round Gaussian beam over the sectors of a round sail: few points where it is near the middle.
 
 The beam over a sector is exp(−2ρ²/w²), ρ from the beam axis. With the sail level and centred that is e^{−2d²/w²}, d
 from the middle of the sail; near rules take this as the weight function of their radial Gauss rule (Gautschi,
@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 
 from beamrider.arrays import Floats
-from dynamics.rigid.equations import Rules
+from dynamics.light.sectors import Rules
 
 Spans = tuple[tuple[float, float], ...]
 Rule = tuple[Floats, Floats]
@@ -48,7 +48,7 @@ def beam_rules(spans: Spans, radius: float, beam: float, error: float = ERROR) -
     first = np.concatenate([(ends[:, :1] - counts[:, :1]), ends], axis=1)
     points = np.concatenate([points for rule in pieces for points in rule]) * [radius, radius, 1.0, radius**2]
     reach, slant = np.array([*RANGES, (np.inf, np.inf)]).T
-    return Rules(reach * beam, np.ascontiguousarray(slant), first, points)
+    return Rules(reach * beam, np.ascontiguousarray(slant), first, points, beam)
 
 
 def _near(span: tuple[float, float], w: float, error: float, reach: float, slant: float) -> Floats:

@@ -1,26 +1,15 @@
-"""The beam: profile, power, ramp."""
+"""The light's power in time: the ramp."""
 
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from dynamics.light import beam
+from dynamics.light import pulse as beam
+from dynamics.light.beam import Beam
 from dynamics.light.intensity import mean_ramp, ramp, ramp_integral
-from dynamics.scene.schema import Beam
 
 LASER = Beam(intensity_W_m2=1e9, radius_m=0.4, delay_s=0.1, rise_s=0.02, on_s=0.5)
-
-
-def test_intensity_falls_by_e_squared_at_its_radius():
-    assert beam.intensity(LASER, 0.0, 0.0) == 1e9
-    assert beam.intensity(LASER, 0.24, -0.32) == pytest.approx(1e9 * np.exp(-2), rel=1e-14)
-
-
-def test_intensity_adds_up_to_the_power_of_the_beam():
-    x = np.linspace(-2.0, 2.0, 401)
-    total = beam.intensity(LASER, x[:, None], x).sum() * (x[1] - x[0]) ** 2
-    assert total == pytest.approx(beam.power(LASER), rel=1e-12)
 
 
 def test_ramp_is_dark_before_and_after_and_full_between():
