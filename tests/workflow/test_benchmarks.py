@@ -91,6 +91,9 @@ BENCHMARKS: dict[str, tuple[Given, dict[str, Any], str]] = {
     ),
 }
 MEEP = ("accuracy_fdtd", "fdtd_plain")
+#: They compile kernels of flexible flight, which takes minutes.
+FLYING = ("accuracy_flight", "accuracy_reflections", "corotating", "flight_speed")
+MARKS = {name: [pytest.mark.meep, needs_meep] for name in MEEP} | {name: [pytest.mark.slow] for name in FLYING}
 
 
 @pytest.fixture(scope="module")
@@ -112,9 +115,7 @@ def test_every_benchmark_is_tried():
     assert set(BENCHMARKS) == programs
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.meep, needs_meep] if name in MEEP else []) for name in BENCHMARKS]
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=MARKS.get(name, [])) for name in BENCHMARKS])
 def test_a_benchmark_ends_and_writes(tables, tmp_path, name):
     given, constants, words = BENCHMARKS[name]
     folder, files = tables
