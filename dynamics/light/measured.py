@@ -218,7 +218,7 @@ class Map(Profile):
         return float(self.grid.coefficients.sum()) * math.prod(self.steps)
 
     def slope(self, s: Floats) -> Floats:
-        """A map is not round: see `gradient`."""
+        """See `gradient`: a map is not round."""
         raise NotImplementedError
 
     def gradient(self, u: Floats, v: Floats) -> Floats:
