@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from optics.kept_sources import KeptSources
 from optics.libraries import versions_of
 
 Dotted = tuple[str, ...]
@@ -86,7 +87,24 @@ def _names(node: ast.AST) -> Iterator[tuple[int, Dotted]]:
 
 @functools.lru_cache(maxsize=4096)
 def _read(path: Path, _changed: tuple[int, int]) -> Module:
-    tree = ast.parse(path.read_bytes(), str(path))
+    content, kept = path.read_bytes(), _kept()
+    found = kept.get(name := kept.name(content))
+    if found is None:
+        module = _parsed(content, path)
+        kept.put(name, (module.digest, list(module.imports), list(module.imports_of_main)))
+        return module
+    imports, of_main = (tuple((level, tuple(base)) for level, base in names) for names in found[1:])
+    return Module(found[0], imports, of_main)
+
+
+@functools.cache
+def _kept() -> KeptSources:
+    """What sources were found to mean before, in the project's folder."""
+    return KeptSources(ROOT / "__pycache__" / "sources.json", Path(__file__))
+
+
+def _parsed(content: bytes, path: Path) -> Module:
+    tree = ast.parse(content, str(path))
     mains = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "main"]
     of_main = [name for main in mains for node in ast.walk(main) for name in _names(node)]
     others = [part for part in tree.body if part not in mains]
@@ -142,6 +160,7 @@ def _modules(start: str, root: Path) -> tuple[dict[Path, Module], set[str]]:
             files = [file for folder in roots for file in _files(folder, name)]
             todo += files
             others |= set() if files else set(name[:1])
+    _kept().save()
     return found, others
 
 
