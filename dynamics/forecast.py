@@ -9,7 +9,6 @@ import math
 import sys
 from pathlib import Path
 
-from dynamics.kernels.record import WIDTH
 from dynamics.scene import Sail, Scene
 from dynamics.shapes import SIDES
 from optics.files import InputError, amount
@@ -79,6 +78,8 @@ def require_rows(scene: Scene) -> int:
 
 def journal_bytes(scene: Scene, dt: float, steps: int) -> float:
     """Bytes of the rows and frames of a flexible flight of so many steps of dt in s."""
+    from dynamics.kernels.record import WIDTH  # only here: compiled modules take a second to load
+
     failed = triangles(scene.sail) if scene.flight.on_failure != "stop" else 0
     frames = 2 + steps / max(1.0, scene.flight.snapshot_every_s / dt)
     return 8.0 * (WIDTH * _rows(scene, steps) + frames * (1 + 7 * nodes(scene.sail) + failed))

@@ -119,8 +119,13 @@ def read_module(path: Path) -> Module:
     return _read(path, (about.st_mtime_ns, about.st_size))
 
 
-def _files(root: Path, name: Dotted) -> Iterator[tuple[Path, Dotted]]:
+@functools.cache
+def _files(root: Path, name: Dotted) -> tuple[tuple[Path, Dotted], ...]:
     """Files under `root` that importing `name` runs, each with its package: the module and the packages around it."""
+    return tuple(_found(root, name))
+
+
+def _found(root: Path, name: Dotted) -> Iterator[tuple[Path, Dotted]]:
     for depth in range(1, len(name) + 1):
         folder = root.joinpath(*name[:depth])
         if (folder / "__init__.py").is_file():
