@@ -19,7 +19,9 @@ from workflow.configuration import meep_installed
 ROOT = Path(__file__).parents[2]
 SCENES = ROOT / "workflow/scenes"
 ONE = {"CELLS": ("mark1e_te",)}
-SHORT = {"DURATION": 2e-4, "SCHEMES": ("verlet",), "ELASTICITY": (), "SIZES": (2e-5,), "INTERVALS": (4,), "STEPS": (1.0,)}
+SHORT = {
+    "DURATION": 2e-4, "SCHEMES": ("verlet",), "ELASTICITY": (), "SIZES": (2e-5,), "INTERVALS": (4,), "STEPS": (1.0,),
+}
 needs_meep = pytest.mark.skipif(not meep_installed(), reason="Meep is not installed")
 Given = Callable[[Path, list[str]], list[str]]
 
