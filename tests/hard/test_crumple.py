@@ -51,7 +51,7 @@ def test_a_sail_without_spin_crumples_and_keeps_momentum_and_energy(tmp_path: Pa
         angular = column(dark_, "angular_momentum", 3)
         size = 0.1 * mass * np.linalg.norm(dark_[0, 4:7])
         assert np.abs(angular - angular[0]).max() < 1e-11 * size
-        energy = dark_[:, [30, 31]].sum(axis=1)
+        energy = dark_[:, [COLUMNS["energy_kinetic"], COLUMNS["energy_elastic"]]].sum(axis=1)
         inner = energy[0] - 0.5 * mass * (dark_[0, 4:7] ** 2).sum()
         swing.append(np.ptp(energy) / inner)
         a, b, c = (flight.state.x[:, flight.membrane.mesh.triangles[:, i]] for i in range(3))

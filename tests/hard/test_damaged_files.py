@@ -40,7 +40,7 @@ from tests.families import many_cells, many_members
 from tests.membranes import small
 from tests.mutations import FEW, damaged, edited_file, many, outcome
 from tests.synthetic import smooth_tables
-from workflow.figures import drawing, flown, snapshots
+from workflow.figures import drawing, flight_result, snapshots
 
 ROOT = Path(__file__).parents[2]
 WORKFLOW = ROOT / "workflow"
@@ -115,7 +115,7 @@ KINDS: dict[str, tuple[Callable[[Path], Any], Callable[[Path], Any]]] = {
     "block.h5": (map_basin, lambda path: basin.merge([path, path], SHORT, smooth_tables(), GRID)),
     "rigid.h5": (functools.partial(stage, rigid.main), drawing.read_series),
     "maps.h5": (functools.partial(stage, maps.main), drawing.read_series),
-    "flight.vtkhdf": (functools.partial(stage, membrane_stage.main), flown.read),
+    "flight.vtkhdf": (functools.partial(stage, membrane_stage.main), flight_result.read),
     "flight2.vtkhdf": (functools.partial(stage, membrane_stage.main), snapshots.read),
     "floquet.json": (functools.partial(stage, floquet.main), read_json),
     "nodes.json": (

@@ -26,8 +26,10 @@ def copy(tmp_path: Path) -> Path:
     root = tmp_path / "project"
     for name in ("optics", "dynamics", "beamrider/machine_code"):
         (root / name).mkdir(parents=True)
-    for name in ("optics/__init__.py", "beamrider/__init__.py", "beamrider/machine_code/__init__.py",
-                 "beamrider/machine_code/cache.py"):
+    for name in (
+        "optics/__init__.py", "beamrider/__init__.py", "beamrider/__init__.pyi", "beamrider/machine_code/__init__.py",
+        "beamrider/machine_code/cache.py",
+    ):
         (root / name).write_bytes((compiled.ROOT / name).read_bytes())
     (root / "dynamics/__init__.py").write_text("")
     (root / "dynamics/caller.py").write_text(CALLER)

@@ -167,6 +167,10 @@ def test_small_motions_fly_as_the_linear_model_says(name: str, spin: float):
     """For a turn, in beams that are round and that are not."""
     scene = altered(lit(**NEW[name], rise_s=0.0), release={"spin_Hz": spin})
     scene = altered(scene, rigid={"duration_s": 1 / 120, "tolerance": 1e-12}, release={"offset_m": [0.0, 0.0]})
+    if spin == 0.0 and name in ("astigmatic", "sum"):  # they turn a sail that stands about the axis
+        with pytest.raises(InputError, match="it must vanish for a stability analysis"):
+            floquet.analyse(scene, TABLES)
+        return
     units, model = rigid_body(scene, TABLES).units, floquet.analyse(scene, TABLES).model
     assert model.periodic == (spin != 0.0 and name in ("astigmatic", "sum"))
     small = 1e-6 * np.array([1.0, -0.5, 2.0, 1.0, 0.7, -0.4, 3.0, 1.5])
@@ -253,7 +257,7 @@ def test_the_swings_that_jitter_excites_are_those_of_the_linear_model():
         swings.append([(flight.position[:, :2] ** 2).sum(axis=1), (path**2).sum(axis=1)])
     flown, linear = np.mean(swings, axis=0)
     assert flown[-1] == pytest.approx(linear[-1], rel=5e-3)
-    assert flown[-1] > 3.0 * flown[flown.size // 4]
+    assert flown[-1] > 2.0 * flown[flown.size // 4]
 
 
 def test_the_mean_square_of_an_oscillator_on_these_records_grows_as_the_closed_form():

@@ -66,6 +66,7 @@ def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return json.loads((folder / "found.json").read_text())
 
 
+@pytest.mark.slow  # it compiles the whole step with one more effect: minutes
 def test_a_new_effect_brakes_the_sail_as_its_closed_form_says(flown: dict):
     """Velocity Verlet with the drag of half a step ago: v falls by (1 − γΔt) a step but for the first half one."""
     found = flown["draught"]

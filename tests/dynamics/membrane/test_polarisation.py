@@ -79,9 +79,9 @@ def test_a_table_keeps_amplitudes_and_interpolates_them(tmp_path: Path, tables: 
     table = PressureTable.read(tmp_path / "t.h5")
     assert np.array_equal(table.amplitudes, tables["glassy"].amplitudes)
     flight, _ = tracked(tmp_path, {"glassy": table}, "glassy", 0.0, rings=2)
-    m = flight.model
+    m = flight.model.effects
     for cosine in np.random.default_rng(1).uniform(0.02, 1.0, 50):
-        got = polarisation.film(m.mirror.polariser, m.light, 0, m.mirror.last[0], -1.0, 0, cosine)
+        got = polarisation.film(m.reflections.polariser, m.light, 0, m.reflections.last[0], -1.0, 0, cosine)
         assert np.allclose(got, response(GLASSY, cosine), rtol=0.0, atol=1e-7)
 
 
@@ -220,8 +220,10 @@ def test_no_polarised_power_is_lost_or_made(tmp_path: Path, tables: dict[str, Pr
     shares = np.empty((2, power.size))
     for i in range(power.size):
         field = np.array([[np.cos(np.radians(20.0)), np.sin(np.radians(20.0)), 0.0], [0.0, 0.0, 0.0]])
-        m = flight.model
-        found = polarisation.film(m.mirror.polariser, m.light, 0, m.mirror.last[0], -1.0, i, abs(normal[2, i]))
+        m = flight.model.effects
+        found = polarisation.film(
+            m.reflections.polariser, m.light, 0, m.reflections.last[0], -1.0, i, abs(normal[2, i])
+        )
         shares[:, i] = polarisation.reflect(found, np.array([0.0, 0.0, 1.0]), normal[:, i].copy(), field)
     sent = account[[reflections.LEAVES, reflections.THROUGH, reflections.ABSORBED, reflections.GIVEN_UP]].sum()
     assert sent == pytest.approx(shares[0] @ power, rel=1e-12)

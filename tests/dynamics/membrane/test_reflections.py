@@ -29,18 +29,18 @@ SILICON = ThinFilm.model_validate({
 def test_the_tree_finds_what_asking_every_triangle_finds(tmp_path: Path):
     """A crumpled sheet, rays from everywhere: the same triangle and distance to the bit."""
     flight, _ = lit(tmp_path, sail=BOWL)
-    m, random = flight.model, np.random.default_rng(5)
-    x = np.ascontiguousarray(m.rest + 0.1 * random.standard_normal(m.rest.shape))
+    m, random = flight.model.effects, np.random.default_rng(5)
+    x = np.ascontiguousarray(flight.model.rest + 0.1 * random.standard_normal(flight.model.rest.shape))
     w = flight.work.effects.reflections
-    tree.refit(m.mirror.tree, x, m.light.corners, w.boxes)
+    tree.refit(m.reflections.tree, x, m.light.corners, w.boxes)
     hits, none = 0, np.empty(0, np.int64)
     for k in range(400):
         origin, direction = 0.3 * random.standard_normal(3), random.standard_normal(3)
         direction = np.eye(3)[k % 3] if k < 30 else direction / np.linalg.norm(direction)
         got = tree.nearest(
-            m.mirror.tree, w.boxes, x, m.light.corners, origin, direction, -1, 1e-9, none, w.stack, w.ray[2]
+            m.reflections.tree, w.boxes, x, m.light.corners, origin, direction, -1, 1e-9, none, w.stack, w.ray[2]
         )
-        every = np.array([tree.meets(x, m.light.corners, i, origin, direction) for i in range(len(m.mirror.kind))])
+        every = np.array([tree.meets(x, m.light.corners, i, origin, direction) for i in range(len(m.reflections.kind))])
         every[~(every > 1e-9)] = np.inf
         best = int(np.argmin(every))
         assert got == ((best, every[best]) if every[best] < np.inf else (-1, np.inf))

@@ -55,7 +55,8 @@ def test_no_triangle_tears_unless_the_stencil_says_it_may(tmp_path: Path):
     for _ in range(300):
         stretch = np.eye(3) + rng.uniform(0.0, 0.1) * rng.uniform(-1.0, 1.0, (3, 3))
         x = np.ascontiguousarray(stretch @ m.rest)
-        fails = sheet.first_torn(m.sheet, w.sheet, m.stencil, w.stencil.free, m.triangles.corners, x)[0] >= 0
+        corners = m.triangles.corners
+        fails = sheet.first_torn(m.effects.sheet, w.effects.sheet, m.stencil, w.stencil.free, corners, x)[0] >= 0
         torn += fails
         assert stencil_forces(flight, x)[1] > 0 or not fails
     assert 50 < torn < 250
