@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from beamrider.arrays import Floats
 from dynamics.membrane.effects.damping import DampingWork
+from dynamics.membrane.effects.held import Holder
 from dynamics.membrane.effects.light_pressure import Light, LightWork
 from dynamics.membrane.effects.properties import Curves
 from dynamics.membrane.effects.reflections import Mirror, MirrorWork
@@ -16,6 +17,7 @@ from dynamics.membrane.effects.sheet import Sheet, SheetWork
 from dynamics.membrane.effects.spin import SpinUp
 from dynamics.membrane.effects.springs import Springs
 from dynamics.membrane.effects.tearing import Broken
+from dynamics.membrane.effects.tethers import Tethers, TetherWork
 from dynamics.membrane.effects.thermal import Heat, HeatWork
 from dynamics.membrane.layout.rows import Stencil, StencilWork
 from dynamics.membrane.layout.triangles import Triangles
@@ -29,6 +31,7 @@ class Model(NamedTuple):
     step that starts at t = 0; end: the last one. optics_every: steps between updates of the held light; series_every:
     between rows. fly_away: distance in m from the axis at which a run ends; most_broken: failed triangles it outlives.
     retardation (t,): of the damping, in s, empty where that is off. curves: properties that change with temperature.
+    per_mass (n,) in 1/kg: 0 for nodes that are held fast, empty where no effect asks for it.
     """
 
     springs: Springs
@@ -46,6 +49,8 @@ class Model(NamedTuple):
     heat: Heat
     curves: Curves
     spin_up: SpinUp
+    holder: Holder
+    tethers: Tethers
     integrator: int
     dt: float
     release: int
@@ -73,6 +78,7 @@ class Work(NamedTuple):
     mirror: MirrorWork
     broken: Broken
     heat: HeatWork
+    tethers: TetherWork
     flags: NDArray[np.int64]
     gain: Floats
     ahead: Floats

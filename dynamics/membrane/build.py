@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from beamrider.arrays import Floats, Integers
 from beamrider.io.files import InputError
 from dynamics.membrane import arrays as flown
+from dynamics.membrane import bodies
 from dynamics.membrane.effects import light_pressure as optical
 from dynamics.membrane.effects import polarisation, reflections, sheet, spin, thermal, tree
 from dynamics.membrane.effects import springs as elastic
+from dynamics.membrane.effects.tethers import Tethers
 from dynamics.membrane.lattice import (
     STABILITY,
     Lattice,
@@ -33,7 +35,7 @@ from dynamics.membrane.row_layout import layout, with_springs
 from dynamics.membrane.stepping import corotating_setup as corotating
 from dynamics.membrane.stepping import integrators
 from dynamics.membrane.stepping.corotating import Carrier
-from dynamics.membrane.stepping.time_step import check_heat, damped_share, highest_absorptances
+from dynamics.membrane.stepping.time_step import check_heat, damped_share, highest_absorptances, viscous_share
 from dynamics.sail.caught_light import check_light
 from dynamics.sail.masses import designed
 from dynamics.sail.mesh import Mesh, sail_mesh
@@ -116,9 +118,9 @@ def _sheet(scene: Scene, mesh: Mesh, effects: Plan) -> sheet.Sheet:
     lists = np.empty((2, 0), np.uint32)
     if on and (effects["damping"].on or scene.flight.on_failure == "remove"):
         lists = slots(sides, len(mesh.edges), np.arange(3 * t), 3 * t)
-    modulus = sheet_modulus(sail, mesh)
+    modulus, rest = sheet_modulus(sail, mesh), _if(on, mesh.lengths[sides] ** 2)
     return sheet.Sheet(
-        sides=unsigned(sides if on else []), rest=_if(on, mesh.lengths[sides] ** 2),
+        sides=unsigned(sides if on else []), rest=rest, free=bodies.free_squares(scene, mesh, rest),
         cotangent=_if(on, cotangents(mesh).T.ravel()), area=_if(on, 4.0 * mesh.areas), modulus=_if(on, modulus),
         shear=_if(on, modulus * (1.0 - poisson)), poisson=_if(on, poisson), slots=lists,
         limit=_if(on and effects["tensile_failure"].on, limit),
@@ -245,16 +247,21 @@ def _spin_up(scene: Scene, effects: Plan, dt: float) -> spin.SpinUp:
     return spin.SpinUp(rate, math.ceil(duration / dt), math.nan if gain is None else gain * rate / duration)
 
 
-def time_step(scene: Scene, mesh: Mesh, lat: Lattice) -> float:
+def time_step(scene: Scene, mesh: Mesh, lat: Lattice, tethers: Tethers | None = None) -> float:
     """The scene's time step in s, or MARGIN · 2/ω_max and at most 1° of turn; InputError above the stability bound."""
     flight, share = scene.flight, 1.0
     if flight.integrator == "corotating":
         return corotating.time_step(scene)
     springs = lat.stiffness.size > 0
     matrix = stiffness_matrix(mesh, lat.stiffness) if springs else sheet_matrix(scene.sail, mesh)
-    omega = highest_frequency(matrix, lat.masses)
+    masses = lat.masses
+    if tethers is not None:
+        matrix, masses = bodies.stiffened(scene, mesh, matrix, masses, tethers)
+    omega = highest_frequency(matrix, masses)
     if plan(scene)["damping"].on:
         share = damped_share(scene, omega)
+    if tethers is not None and tethers.retardation.any():
+        share = min(share, viscous_share(omega, float(tethers.retardation.max())))
     bound = share * STABILITY[flight.integrator] / omega
     if flight.time_step_s is None:
         turn = 1.0 / (360.0 * abs(scene.release.spin_Hz)) if scene.release.spin_Hz else math.inf
@@ -289,27 +296,32 @@ def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
     mesh = sail_mesh(scene.sail)
     check_mesh(mesh, f"{scene.name}.yaml: sail")
     check_light(scene, mesh)
+    bodies.check_bodies(scene)
     absorptances = highest_absorptances(scene, tables)
     _check_energy(scene, absorptances)
     lat = lattice(scene.sail, mesh, scene.flight)
-    dt = time_step(scene, mesh, lat)
+    middle = centred(mesh, lat.masses)
+    tethers = bodies.lines(scene, mesh, mesh.nodes[0] - middle[0])
+    dt = time_step(scene, mesh, lat, tethers)
+    bodies.check_drag(scene, dt)
     heat = _heat(scene, mesh, lat, effects)
     # Its two-step method for the temperatures is stable for half as long
     check_heat(scene, mesh, heat, effects, absorptances, 2.0 * dt if scene.flight.integrator == "corotating" else dt)
-    spin_up = _spin_up(scene, effects, dt)
+    spin_up, inert = _spin_up(scene, effects, dt), bodies.inertial(scene, mesh, lat.masses)
+    asked = effects["damping"].on or effects["held"].on or effects["payload"].on
     release = max(spin_up.steps, 1)
     springs, elements, parts = _springs(mesh, lat, effects), _sheet(scene, mesh, effects), _triangles(scene, mesh)
     model = flown.Model(
         springs=springs, sheet=elements,
-        stencil=with_springs(layout(mesh, scene.sail.outline, scene.sail.rings, lat.masses), springs),
+        stencil=with_springs(layout(mesh, scene.sail.outline, scene.sail.rings, inert), springs),
         retardation=_if(effects["damping"].on, per_triangle(scene.sail, mesh, "damping_s")),
         triangles=parts,
-        masses=lat.masses, per_mass=_if(effects["damping"].on, 1.0 / lat.masses),
-        rest=np.ascontiguousarray(centred(mesh, lat.masses).T),
+        masses=lat.masses, per_mass=_if(asked, 1.0 / inert), rest=np.ascontiguousarray(middle.T),
         lit=effects["light"].on, light=_light(scene, mesh, parts.corners, tables, effects),
         mirror=_mirror(scene, mesh, lat, tables, effects), warm=is_warm(effects),
         heat=heat, curves=build_curves(scene, mesh, effects, is_warm(effects)),
-        spin_up=spin_up, integrator=INTEGRATORS[scene.flight.integrator], dt=dt, release=release,
+        spin_up=spin_up, holder=bodies.holder(scene, mesh, middle), tethers=tethers,
+        integrator=INTEGRATORS[scene.flight.integrator], dt=dt, release=release,
         end=release + math.ceil(scene.flight.duration_s / dt - 1e-9), optics_every=scene.flight.optics_every,
         series_every=scene.flight.series_every, fly_away=scene.fly_away,
         most_broken=math.floor(scene.flight.broken_fraction * len(mesh.triangles)),

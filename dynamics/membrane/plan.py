@@ -59,6 +59,8 @@ def _derived(scene: Scene) -> dict[str, Effect]:
         "conduction": Effect(on=conducts, reason="conductivity above zero" if conducts else "no conductivity"),
         "expansion": Effect(on=expands, reason="expansion coefficient given" if expands else "expansion zero"),
         "damping": Effect(on=damps, reason="a material with damping" if damps else "no material has damping"),
+        "held": Effect(on=scene.held is not None, reason="held" if scene.held else "nothing holds the sail"),
+        "payload": Effect(on=bool(scene.payload), reason=f"{len(scene.payload)} point masses on tethers"),
         "tensile_failure": Effect(on=True, reason="every material has a strength"),
         "thermal_failure": Effect(on=True, reason="every material has a failure temperature"),
     }

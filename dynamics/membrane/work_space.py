@@ -8,8 +8,9 @@ import numpy as np
 
 from beamrider.arrays import Floats
 from dynamics.membrane.arrays import Model, Work
+from dynamics.membrane.bodies import mounted
 from dynamics.membrane.build import Membrane
-from dynamics.membrane.effects import damping, reflections, sheet, tearing, thermal
+from dynamics.membrane.effects import damping, reflections, sheet, tearing, tethers, thermal
 from dynamics.membrane.effects import light_pressure as optical
 from dynamics.membrane.row_layout import scratch_space, stencil_work
 from dynamics.membrane.stepping import integrators
@@ -22,8 +23,8 @@ PATCH = 256
 
 
 def initial_state(membrane: Membrane) -> integrators.State:
-    """At rest, centred, at the start temperature."""
-    x = membrane.model.rest.copy()
+    """At rest, centred or as it is mounted, at the start temperature."""
+    x = mounted(membrane.scene, membrane.model.rest)
     start = np.full(x.shape[1], membrane.scene.flight.start_temperature_K)
     return integrators.State(x, np.zeros_like(x), start if membrane.model.warm else start[:0], np.zeros(3))
 
@@ -49,6 +50,15 @@ def _mirror_work(mirror: reflections.Mirror) -> reflections.MirrorWork:
         boxes=np.zeros((2 * leaves - 1 if t else 0, 6)), force=np.zeros((3, t)), heat=np.zeros(t),
         stack=np.zeros(64 if t else 0, np.int64), ray=np.zeros((3, 3)),
         field=np.zeros((2, 3)), first=np.zeros((2, 3)), account=np.zeros(8),
+    )
+
+
+def _tether_work(lines: tethers.Tethers) -> tethers.TetherWork:
+    """Work space for masses on tethers, at rest where they start."""
+    b, k = lines.mass.size, lines.body.size
+    v, acceleration, force = np.zeros((3, 3, b))
+    return tethers.TetherWork(
+        lines.start.copy(), v, acceleration, force, tension=np.zeros(k), snapped=np.zeros(k, np.int64)
     )
 
 
@@ -100,6 +110,7 @@ def work_space(
         acceleration=np.zeros((3, n)),
         light=_light_work(model.light.absorptance, curves.absorption.region.size > 0),
         mirror=_mirror_work(model.mirror), broken=_broken(model, on_failure, shares), heat=heat,
+        tethers=_tether_work(model.tethers),
         flags=np.zeros(2, np.int64), gain=np.zeros(1),
         ahead=np.zeros((3, n if model.lit else 0)),
         stage=integrators.Stage(*np.zeros((4, 3, stages)), *np.zeros((2, stages if model.warm else 0))),

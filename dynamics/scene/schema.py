@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from beamrider.io.files import InputError, Name, NonNegative, Pair, Positive, Strict, read_model
+from dynamics.scene.body_schema import Held, Payload, Payloads
 from dynamics.scene.sail_schema import Fraction, Region, Sail
 
 #: Longest time in s that a scene may speak of, 30 years, and most turns a second; most steps and intervals of steps.
@@ -146,6 +147,8 @@ class Effects(Strict):
     conduction: bool | None = None
     expansion: bool | None = None
     damping: bool | None = None
+    held: bool | None = None
+    payload: bool | None = None
     tensile_failure: bool | None = None
     thermal_failure: bool | None = None
 
@@ -157,7 +160,8 @@ class Scene(Strict):
     and roll whatever the yaw. lookup: 'smooth' or 'nearest' (published) entry of the table. absorptance: of the
     'table' of each design, times what the material's changes by with temperature, or that of the 'material'
     (published); without a design always the material's. outside_table: 'stop' the run or 'clamp' (published) to the
-    edge and count; a grating lit from behind ends it either way, a film is the same from both sides.
+    edge and count; a grating lit from behind ends it either way, a film is the same from both sides. held: what holds a
+    sail that is not released; payload: point masses on tethers.
     """
 
     name: Name
@@ -171,6 +175,8 @@ class Scene(Strict):
     outside_table: Literal["stop", "clamp"] = "stop"
     rigid: Rigid = Rigid()
     flight: Flight = Flight()
+    held: Held | None = None
+    payload: Payloads = []
     reflections: Reflections = Reflections()
     effects: Effects = Effects()
 
@@ -182,6 +188,25 @@ class Scene(Strict):
     def tabled(self, region: Region) -> bool:
         """Does the absorptance of a region come from its design's table."""
         return self.absorptance == "table" and region.design is not None
+
+    @property
+    def holding(self) -> Held | None:
+        """What holds the sail, None where nothing does or the effect is off."""
+        return self.held if self.effects.held is not False else None
+
+    @property
+    def carried(self) -> list[Payload]:
+        """The point masses that fly with the sail: none where the effect is off."""
+        return self.payload if self.effects.payload is not False else []
+
+    @model_validator(mode="after")
+    def _bodies(self) -> Scene:
+        for name in ("held", "payload"):
+            if getattr(self.effects, name) and not getattr(self, name):
+                raise ValueError(f"effects.{name} = true: needs {name}, which the scene does not give")
+        if self.holding is not None and self.release.spin_Hz != 0.0:
+            raise ValueError(f"release.spin_Hz = {self.release.spin_Hz:g}: must be 0 for a sail that is held")
+        return self
 
     @model_validator(mode="after")
     def _polarised(self) -> Scene:

@@ -28,7 +28,8 @@ from dynamics.membrane.layout.triangles import Patch, sides
 class Sheet(NamedTuple):
     """Triangles as elastic elements, all arrays empty where springs carry the load.
 
-    sides (3t,): edges of the sides 01, then 12, then 20 of all triangles. rest (3t,): their squared rest lengths in m².
+    sides (3t,): edges of the sides 01, then 12, then 20 of all triangles. rest (3t,): their squared rest lengths in m²,
+    free (3t,): the squared free ones at 300 K, the same but for a sail under a tension of its own.
     cotangent (3t,): of the opposite rest angles. area (t,): 4A in m². modulus (t,): h Y/(8(1 − ν²)A) in N/m³; shear
     (t,): modulus · (1 − ν). poisson (t,). slots (2, e): positions, in [the 3t sides, 0], of the tensions of each edge,
     empty without damping and where no triangle is removed.
@@ -38,6 +39,7 @@ class Sheet(NamedTuple):
 
     sides: Indices
     rest: Floats
+    free: Floats
     cotangent: Floats
     area: Floats
     modulus: Floats
@@ -69,7 +71,7 @@ def grow(sheet: Sheet, layout: Stencil, corners: Indices, temperature: Floats, o
 
     out (f, 3, p): as in `StencilWork.free`.
     """
-    alpha, rest, slots, free = sheet.expansion, sheet.rest, layout.slots, out.reshape(-1)
+    alpha, rest, slots, free = sheet.expansion, sheet.free, layout.slots, out.reshape(-1)
     t = alpha.size
     c0, c1, c2 = corners[0], corners[1], corners[2]
     for i in range(t):

@@ -9,7 +9,7 @@ import numpy as np
 
 from beamrider.arrays import Floats
 from dynamics.membrane.arrays import Model, Work
-from dynamics.membrane.effects import failure, reflections, sheet, tearing, thermal
+from dynamics.membrane.effects import failure, reflections, sheet, tearing, tethers, thermal
 from dynamics.membrane.effects import springs as elastic
 from dynamics.membrane.effects.light_pressure import Light, LightWork, force
 from dynamics.membrane.layout import rows as stencil
@@ -117,7 +117,7 @@ def illumination(
 
 @numba.njit(cache=True, error_model="numpy")
 def write_row(model: Model, state: State, work: Work, n: int, row: Floats) -> int:
-    """One row (WIDTH,) about the state at step n; INTACT, FLY_AWAY or NON_FINITE."""
+    """One row (WIDTH,), longer for a payload, about the state at step n; INTACT, FLY_AWAY or NON_FINITE."""
     layout, corners, patch = model.stencil, model.triangles.corners, stencil.patch(work.stencil.scratch, 0)
     for i in range(row.size):
         row[i] = 0.0
@@ -140,6 +140,8 @@ def write_row(model: Model, state: State, work: Work, n: int, row: Floats) -> in
     for c in range(3):
         row[41 + c] = state.impulse[c]
     row[44] = work.light.outside[0]
+    if row.size > WIDTH:
+        tethers.note(work.tethers, row[WIDTH:])
     row[46], row[47] = work.broken.tally[tearing.BY_STRESS], work.broken.tally[tearing.BY_HEAT]
     for i in range(row.size):
         if not math.isfinite(row[i]):

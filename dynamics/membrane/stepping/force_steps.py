@@ -40,6 +40,8 @@ def free_run(model: Model, n: int, stop: int) -> int:
     """Steps from n to the next, not beyond `stop`, after which more than forces is due."""
     if n < model.spin_up.steps or model.integrator == RK4 or model.retardation.size > 0:
         return 1
+    if model.holder.acts or model.tethers.mass.size > 0:
+        return 1
     most = min(stop - n, _left(n - model.release, model.series_every))
     if model.lit:
         most = min(most, _left(n - model.release, model.optics_every))

@@ -12,7 +12,7 @@ import numpy as np
 
 from beamrider.arrays import Floats
 from dynamics.membrane.arrays import Model, Work
-from dynamics.membrane.effects import damping, failure, properties, reflections, sheet, tearing, thermal
+from dynamics.membrane.effects import damping, failure, held, properties, reflections, sheet, tearing, tethers, thermal
 from dynamics.membrane.effects import springs as elastic
 from dynamics.membrane.effects.spin import foresee, kick
 from dynamics.membrane.layout import rows as stencil
@@ -156,6 +156,10 @@ def evaluate(
             model.retardation, model.sheet, work.sheet, model.springs, work.damping, x, v, model.per_mass,
             work.acceleration
         )
+    if model.holder.acts:
+        held.hold(model.holder, x, v, model.per_mass, t, work.acceleration)
+    if model.tethers.mass.size > 0:
+        tethers.tie(model.tethers, work.tethers, model.holder, x, v, model.per_mass, t, work.acceleration)
     if heating:
         properties.update(
             model.curves, model.triangles.corners, temperature, work.broken.gone, work.heat.emission,
@@ -176,7 +180,8 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int)
     """
     integrator, dt = model.integrator, model.dt
     if not fresh and n < model.spin_up.steps:
-        kick(model.spin_up, n, dt, model.masses, state.x, state.v)
+        turn = kick(model.spin_up, n, dt, model.masses, state.x, state.v)
+        tethers.turn_on(work.tethers, turn)
     evaluations = 4 if integrator == RK4 and not fresh else 1
     now = n if fresh else n + 1
     for k in range(evaluations):
@@ -185,6 +190,8 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int)
         if not fresh:
             acts = advance(integrator, dt, work.acceleration, state, work.stage, k)
             add_impulse(work.gain[0], work.light.total, acts, state.impulse)
+            if model.tethers.mass.size > 0:
+                tethers.drift(work.tethers, acts, dt)
             if model.warm:
                 warmed, heating = advance_heat(
                     integrator, dt, model.heat.every, work.heat.rate, state, work.stage, n - model.release, k
@@ -207,6 +214,7 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int)
     if integrator == VERLET and not fresh:
         accumulate(state.v, 0.5 * dt, work.acceleration)
         add_impulse(work.gain[0], work.light.total, 0.5 * dt, state.impulse)
+        tethers.settle(work.tethers, dt)
     return failure.INTACT, now
 
 
