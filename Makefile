@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := results
-.PHONY: results test test-slow test-slurm setup
+.PHONY: results test test-slow test-slurm coverage setup
 
 CORES ?= $(shell env -u OMP_NUM_THREADS nproc)
 VENV := .venv
@@ -44,9 +44,14 @@ results: setup
 test: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/mypy workflow/*.py workflow/figures/*.py
 	$(BIN)/lint-imports
+	$(BIN)/snakefmt --check --compact-diff Snakefile workflow/rules
+	$(BIN)/codespell $$(git ls-files)
 	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
+
+# Which lines of Python the tests run. Kernels that Numba compiles are not seen by it, and don't count.
+coverage: setup
+	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow" --cov --cov-report=term
 
 # Checks of minutes each: whole flights against the published ones, FDTD at full resolution.
 test-slow: setup

@@ -1,14 +1,14 @@
-"""What made results: `beamrider show FILE …`, also `python -m beamrider.show show FILE …`."""
+"""What made results: `beamrider show FILE …`, also `python -m beamrider.show FILE …`."""
 
 from __future__ import annotations
 
-import argparse
 import base64
 import json
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from beamrider.io.arguments import parser
 from beamrider.io.files import InputError, run_stage
 from beamrider.io.hdf5 import read_hdf5
 from beamrider.provenance.record import NAME
@@ -98,19 +98,11 @@ def show(path: Path) -> None:
 
 
 def main() -> None:
-    """Command line: see the module docstring."""
-    parser = argparse.ArgumentParser(prog="beamrider", description=__doc__)
-    commands = parser.add_subparsers(dest="command", required=True)
-    shown = commands.add_parser("show", help="what made a result: program, sources, versions, inputs")
-    shown.add_argument("files", nargs="+", type=Path, metavar="FILE")
-    given = parser.parse_args()
-
-    def every() -> None:
-        for path in given.files:
-            show(path)
-
-    run_stage(every)
+    """Say what made results: program, sources, versions, inputs."""
+    options = {"files": {"nargs": "+", "type": Path, "metavar": "FILE"}}
+    for path in parser("beamrider.show", main.__doc__, options).parse_args().files:
+        show(path)
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

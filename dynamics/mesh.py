@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from beamrider.io.files import run_stage
+from beamrider.io.arguments import stage_arguments
+from beamrider.io.files import finish, run_stage
 from dynamics.membrane.output.flight_file import write_mesh
 from dynamics.sail.mesh import sail_mesh
-from dynamics.scene.command_line import finish, stage_arguments
 from dynamics.scene.schema import read_scene
 
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import yaml
 
+from dynamics.membrane.effects import thermal
 from dynamics.membrane.flight import Flight
 from dynamics.membrane.lattice import side_moduli
-from dynamics.membrane.layout import rows as stencil
-from dynamics.membrane.output.record import WIDTH
+from dynamics.membrane.layout import rows
+from dynamics.membrane.output.record import COLUMNS, SIZES, WIDTH
 from dynamics.membrane.stepping.step import run
 from dynamics.membrane.stepping.threads import sweep_all
 from dynamics.scene.schema import Scene, read_scene
@@ -77,13 +78,32 @@ def write_inputs(folder: Path, scene: Scene, out: str = "flight.vtkhdf") -> list
     return ["--scene", str(path), "--tables", *names, "--out", str(folder / "out" / out)]
 
 
+def column(rows: np.ndarray, name: str) -> np.ndarray:
+    """A quantity of rows (…, WIDTH): (…,) or (…, length)."""
+    length = SIZES[name][0]
+    values = rows[..., COLUMNS[name] : COLUMNS[name] + length]
+    return values[..., 0] if length == 1 else values
+
+
+def heating(flight: Flight) -> np.ndarray:
+    """Rate (n,) in K/s of the temperatures of a flight's state in the dark."""
+    own, work, state = flight.model.effects, flight.work.effects, flight.state
+    thermal.begin(work.heat)
+    thermal.add_flows(
+        own.heat, work.heat, own.springs, flight.model.triangles.corners, rows.patch(flight.work.stencil.scratch, 0),
+        state.x, state.temperature, work.light.absorbed, 0.0,
+    )
+    thermal.end(work.heat)
+    return work.heat.rate
+
+
 def stencil_forces(flight: Flight, x: np.ndarray, gain: float = 0.0) -> tuple[np.ndarray, int]:
     """Forces (3, n) in N on nodes x (3, n), by the stencil; how many elements may have failed."""
     m, work = flight.model, flight.work.stencil
-    stencil.lay(m.stencil.place, np.ascontiguousarray(x), work.scratch.x[0])
-    bad = sweep_all(m.stencil, work, 0, stencil.Pace(False, 0.0, 0.0, 0.0, gain / 3.0))
+    rows.scatter(m.stencil.place, np.ascontiguousarray(x), work.scratch.x[0])
+    bad = sweep_all(m.stencil, work, 0, rows.StepTimes(False, 0.0, 0.0, 0.0, gain / 3.0))
     found = np.empty_like(x)
-    stencil.pick(m.stencil.place, work.scratch.v[1], found)
+    rows.gather(m.stencil.place, work.scratch.v[1], found)
     return found * m.masses, bad
 
 
@@ -108,7 +128,7 @@ def drum_mode(nodes: np.ndarray, diameters: int, circles: int) -> tuple[float, n
 
 def tensions(flight: Flight, x: np.ndarray) -> np.ndarray:
     """Tension over length (e,) in N/m of the edges at nodes x (3, n): of springs, or 2 ∂U/∂q of triangles beside."""
-    mesh, springs = flight.membrane.mesh, flight.model.springs
+    mesh, springs = flight.membrane.mesh, flight.model.effects.springs
     a, b = mesh.edges.T
     squares = np.sum((x[:, b] - x[:, a]) ** 2, axis=0)
     if not flight.membrane.elastic_triangles:

@@ -24,6 +24,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import yaml
+from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 
 from beamrider.io.checksum import with_checksum
@@ -33,6 +34,11 @@ from tests.damage import edited
 from tests.hard.test_wording import places
 from tests.processes import fork
 
+#: Few examples, always the same ones.
+FEW = settings(
+    max_examples=25, deadline=None, derandomize=True, database=None, phases=[Phase.explicit, Phase.generate],
+    suppress_health_check=list(HealthCheck),
+)
 #: CPU seconds in which everything must have been said, wall seconds on a busy machine, bytes that a process may take.
 LONGEST, PATIENCE, MEMORY = 20, 300, 6 << 30
 #: What a stage may say beside its one line: its forecast, what it compiles, its bar of progress.
@@ -61,6 +67,11 @@ GARBAGE = [
     "<<: {a: 1}", "%YAML 9", "--- 1\n--- 2", "\ufeff", "a: 2026-01-01", "'", '"', "\x07", "#", "a: 1e999", "a: -", ": ",
     "a: .inf", "a: 1_000", "...",
 ]
+
+
+def many(count: int) -> settings:
+    """So many examples, other ones with another seed; what is wrong is not made simpler, which takes long."""
+    return settings(FEW, max_examples=count, derandomize=False)
 
 
 def is_number(value: Any) -> bool:

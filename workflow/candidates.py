@@ -9,13 +9,13 @@ from typing import Any
 
 import pandas as pd
 import yaml
-from family import Family, read_family
 
 from beamrider.io.checksum import with_checksum
 from beamrider.io.files import atomic, read_lines, reading, run_stage
 from beamrider.io.parquet import read_parquet
 from dynamics.scene.materials import Material
 from dynamics.scene.schema import Scene, read_scene
+from workflow.family import Family, read_family
 
 HEADER = "# Made by the workflow: member {number} of family {family}, rank {rank}.\n"
 

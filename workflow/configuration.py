@@ -10,47 +10,75 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
-from beamrider.io.files import InputError, Name, Strict, load_yaml, scalar, validate
-from dynamics.sail.attitude import rotation_from_angles
+from beamrider.io.files import DIMENSIONLESS, InputError, Name, Strict, load_yaml, scalar, validate
+from dynamics.sail.sectors import release_directions
 from dynamics.scene.schema import Scene, read_scene
 from optics.cells.schema import Cell, ThinFilm, read_cell
 
 SOURCE = "workflow/config.yaml"
-PROGRAM = ("workflow", "beamrider", "optics", "dynamics", "tests")
+PROGRAM = ("workflow", "beamrider", "optics", "dynamics")
 
-Tolerance = Annotated[float, Field(gt=0, lt=1)]
-Cosine = Annotated[float, Field(gt=0, lt=1)]
-Switch = Literal["auto", True, False]
+Tolerance = Annotated[float, Field(gt=0, lt=1, json_schema_extra=DIMENSIONLESS)]
+Cosine = Annotated[float, Field(gt=0, lt=1, json_schema_extra=DIMENSIONLESS)]
+
+
+def _no_number(given: Any) -> Any:
+    """ValueError for 0 and 1, which Python takes for false and true."""
+    if isinstance(given, int | float) and not isinstance(given, bool):
+        raise ValueError("must be 'auto', true or false")
+    return given
+
+
+Switch = Annotated[Literal["auto", True, False], BeforeValidator(_no_number)]
 
 
 class Grid(Strict):
     """Range of direction cosines that a solver's tables cover, and the error of q aimed at."""
 
     u_max: Cosine
+    """Largest |u|, the direction cosine across the ridges."""
     v_max: Cosine
+    """Largest |v|, along the ridges."""
     tolerance: Tolerance
+    """Error of q aimed at."""
 
 
 class Config(Strict):
-    """`config.yaml`; the comments there say what each key means."""
+    """What `snakemake` makes, in `workflow/config.yaml`; every key is needed."""
 
     designs: list[Name]
+    """Tables made in any case, and families that are screened; scenes add the designs they fly."""
     tables: Literal["modal", "fdtd"]
+    """The solver whose tables the scenes fly on; films always use the transfer matrix."""
     modal: Grid
+    """Modal tables."""
     accept_missed: bool
+    """Go on with tables whose error is larger than the tolerance asked for, or stop there.
+
+    FDTD tables that no scene flies on stop nothing: what they miss is in the summary.
+    """
     fdtd: Switch
+    """Make FDTD tables; 'auto': where Meep is installed."""
     fdtd_designs: list[Name]
+    """Designs that FDTD solves."""
     fdtd_grid: Grid
+    """Range of FDTD tables, and the error of interpolation aimed at by choice of directions."""
     fdtd_tolerance: Tolerance
+    """Tolerance of FDTD tables, a third of which is for each direction."""
     block_minutes: Annotated[float, Field(ge=0.1, le=1000)]
+    """Time on one core of the jobs that FDTD tables, basin maps and the cells of families are split into."""
     floquet: list[Name]
+    """Scenes whose linear stability is analysed, with FDTD tables again where their designs have them."""
     maps: list[Name]
+    """Scenes whose forces and torques are mapped."""
     rigid: list[Name]
+    """Scenes that are flown rigid."""
     flight: list[Name]
+    """Scenes that are flown flexible."""
     basins: list[Name]
+    """Scenes whose basins `snakemake basins` maps, with either incidence."""
 
 
 def meep_installed() -> bool:
@@ -226,17 +254,11 @@ def _refuse_tilts(plan: Plan) -> None:
     for name in dict.fromkeys([*plan.config.rigid, *plan.config.flight]):
         scene = plan.scenes[name]
         gratings = [] if scene.outside_table == "clamp" else set(scene.sail.designs) & set(plan.gratings)
-        release = scene.release
-        tilt = rotation_from_angles(np.radians(release.roll_deg), np.radians(release.pitch_deg), 0.0)
-        for sector in scene.sail.sectors if scene.sail.profile == "flat" else ():
-            if sector.fixed is None:
-                continue
-            across = np.array(sector.fixed)
-            u, v = float(tilt[2, :2] @ across), float(tilt[2, :2] @ [-across[1], across[0]])
-            if sector.design in gratings and (abs(u) > grid.u_max or abs(v) > grid.v_max):
+        for design, u, v in release_directions(scene):
+            if design in gratings and (abs(u) > grid.u_max or abs(v) > grid.v_max):
                 raise InputError(
                     f"{SOURCE}: {key}: u_max = {grid.u_max:g}, v_max = {grid.v_max:g}: too small for the release "
-                    f"of scene '{name}', light from u = {u:.4g}, v = {v:.4g} on '{sector.design}'; widen it, tilt "
+                    f"of scene '{name}', light from u = {u:.4g}, v = {v:.4g} on '{design}'; widen it, tilt "
                     "less, or set outside_table: clamp"
                 )
 

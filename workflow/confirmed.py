@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from candidates import best_members
-from family import read_family
 
 from beamrider.io.files import InputError, atomic, read_json, reading, run_stage
 from beamrider.io.hdf5 import read_hdf5
 from beamrider.io.parquet import read_parquet
+from workflow.candidates import best_members
+from workflow.family import read_family
 
 COLUMNS = {
     "sail": "", "what_differs": "", "thrust_N": "N", "acceleration_m_s2": "m/s²", "margin_1_s": "1/s",

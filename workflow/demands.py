@@ -22,8 +22,8 @@ from dynamics.scene.schema import Scene, read_scene
 from optics.cells.outline import Grating, read_grating
 from optics.fdtd.grid import TABLE, FdtdSettings, memory, work
 
-PROGRAM = re.compile(r"\bpython -m ([\w.]+)")
-#: Programs whose kernels `workflow/machine_code.py` compiles before.
+PROGRAM = re.compile(r"\bpython -m ((?:optics|dynamics)\.[\w.]+)")
+#: Programs whose kernels `workflow.machine_code` compiles before.
 COMPILED = ("dynamics.membrane", "dynamics.rigid", "dynamics.basin", "dynamics.floquet", "dynamics.maps")
 
 #: Bytes of a process that has loaded everything (`dynamics.sail.forecast`).

@@ -1,6 +1,6 @@
 """Families of designs: ranges, lists or random errors for parameters of a sail's two cells, its sectors and its beam.
 
-    python workflow/family.py --family workflow/designs/search.yaml --out DIR
+    python -m workflow.family --family workflow/designs/search.yaml --out DIR
 
 expands a family to DIR/cells.jsonl, every cell once, and DIR/members.parquet, one row a sail: its parameters and the
 numbers of its two cells. Member 0 is the base scene's own sail.
@@ -22,11 +22,13 @@ from scipy.stats import qmc
 
 from beamrider.arrays import Floats
 from beamrider.io.files import (
+    DIMENSIONLESS,
     InputError,
     Name,
     Positive,
     Stopwatch,
     Strict,
+    finish,
     read_model,
     run_stage,
     validate,
@@ -35,20 +37,23 @@ from beamrider.io.files import (
 from beamrider.io.parquet import write_parquet
 from beamrider.provenance.record import as_attribute
 from dynamics.sail.forecast import A_MADE_MEMBER, require_members
-from dynamics.scene.command_line import finish
 from dynamics.scene.schema import Scene, read_scene
 from optics.cells.schema import Metagrating, read_metagrating
 
-Count = Annotated[int, Field(ge=1, le=1_000_000)]
+Count = Annotated[int, Field(ge=1, le=1_000_000, json_schema_extra=DIMENSIONLESS)]
 MOST = 2_000_000
+OWN: dict[str, Any] = {"unit": "that of the parameter"}
 
 
 class Range(Strict):
     """Evenly from `low` to `high`: `count` values of a product, any value in a sample."""
 
-    low: float
-    high: float
-    count: Annotated[int, Field(ge=2, le=100_000)] | None = None
+    low: Annotated[float, Field(json_schema_extra=OWN)]
+    """Least value."""
+    high: Annotated[float, Field(json_schema_extra=OWN)]
+    """Largest value."""
+    count: Annotated[int, Field(ge=2, le=100_000, json_schema_extra=DIMENSIONLESS)] | None = None
+    """Number of values, of a product."""
 
     @model_validator(mode="after")
     def _ascending(self) -> Range:
@@ -60,13 +65,15 @@ class Range(Strict):
 class Spread(Strict):
     """Normal errors of standard deviation `sigma` about the base."""
 
-    sigma: Positive
+    sigma: Annotated[Positive, Field(json_schema_extra=OWN)]
+    """Standard deviation."""
 
 
 class Factors(Strict):
     """The base times each factor of a range."""
 
     times: Range
+    """The factors."""
 
 
 def _kind(data: Any) -> str:
@@ -88,33 +95,45 @@ class CellRanges(Strict):
     """Parameters of a two-ridge cell, along +g: wide ridge from 0, gap, narrow ridge, rest empty. Lengths in nm."""
 
     period_nm: Values | None = None
+    """Period."""
     wide_nm: Values | None = None
+    """Width of the wide ridge, which starts at 0."""
     gap_nm: Values | None = None
+    """Gap between the ridges."""
     narrow_nm: Values | None = None
+    """Width of the narrow ridge."""
     ridge_height_nm: Values | None = None
+    """Height of the ridges."""
     membrane_nm: Values | None = None
-    index_n: Values | None = None
-    index_k: Values | None = None
+    """Thickness of the membrane."""
+    index_n: Annotated[Values | None, Field(json_schema_extra=DIMENSIONLESS)] = None
+    """Real part of the refractive index."""
+    index_k: Annotated[Values | None, Field(json_schema_extra=DIMENSIONLESS)] = None
+    """Its imaginary part."""
 
 
 class SailRanges(Strict):
     """Opening angle of the sectors of the first cell, spin and 1/e² radius of the beam."""
 
     sector_deg: Values | None = None
+    """Opening angle of the sectors of the first cell."""
     spin_Hz: Values | None = None
+    """Spin, signed."""
     beam_radius_m: Values | None = None
+    """1/e² intensity radius of the beam."""
 
 
 class Sample(Strict):
-    """How members are drawn: every combination, a Sobol sequence, or independent normal errors.
-
-    With `scales`, each normal draw comes once with its errors times each scale.
-    """
+    """How members are drawn."""
 
     kind: Literal["product", "sobol", "normal"] = "product"
+    """Every combination, a Sobol sequence, or independent normal errors."""
     count: Count | None = None
-    seed: int = 0
-    scales: Annotated[list[Positive], Field(min_length=1)] = [1.0]
+    """Members that are drawn; for 'sobol' and 'normal', and for these only."""
+    seed: Annotated[int, Field(json_schema_extra=DIMENSIONLESS)] = 0
+    """Seed of the random numbers."""
+    scales: Annotated[list[Positive], Field(min_length=1, json_schema_extra=DIMENSIONLESS)] = [1.0]
+    """Each normal draw comes once with its errors times each scale."""
 
     @model_validator(mode="after")
     def _counted(self) -> Sample:
@@ -131,9 +150,12 @@ class Best(Strict):
     Among survivors at least as good as the base sail in each of `at_least`.
     """
 
-    count: Annotated[int, Field(ge=0, le=100)] = 0
+    count: Annotated[int, Field(ge=0, le=100, json_schema_extra=DIMENSIONLESS)] = 0
+    """Number of members that go on."""
     by: Literal["margin_1_s", "thrust_N", "acceleration_m_s2"] = "margin_1_s"
+    """What survivors are ranked by."""
     at_least: list[Literal["margin_1_s", "thrust_N", "acceleration_m_s2"]] = ["thrust_N"]
+    """Measures in which they must be no worse than the base sail."""
 
 
 class Family(Strict):
@@ -143,16 +165,27 @@ class Family(Strict):
     """
 
     kind: Literal["family"]
+    """What the design is."""
     name: Name
+    """Name of the family, that of the file without its ending."""
     description: str
+    """What the family is, in words."""
     scene: Name
+    """Scene whose sail is the base of the family."""
     te: CellRanges = CellRanges()
+    """What varies of the first design's cell."""
     tm: CellRanges = CellRanges()
+    """What varies of the second design's cell."""
     both: CellRanges = CellRanges()
+    """What varies of both alike."""
     sail: SailRanges = SailRanges()
+    """What varies of sail and beam."""
     sample: Sample = Sample()
-    orders: Annotated[int, Field(ge=4, le=60)] = 15
+    """How members are drawn."""
+    orders: Annotated[int, Field(ge=4, le=60, json_schema_extra={"unit": "diffraction orders"})] = 15
+    """Highest diffraction order that the cells are solved with."""
     best: Best = Best()
+    """The members that go on."""
 
     @model_validator(mode="after")
     def _fits(self) -> Family:

@@ -30,13 +30,13 @@ from beamrider.io.files import load_yaml
 from beamrider.provenance.record import NAME
 from beamrider.provenance.sources import digest_of, digest_of_file, program
 
-PROGRAM = re.compile(r"\bpython (?:-m )?([\w./{}]+)")
+PROGRAM = re.compile(r"\bpython -m ([\w.]+)")
 WILDCARD = re.compile(r"\{wildcards\.(\w+)\}")
 #: Folder that tables are shared in, and the command that takes them from there, or makes them and keeps them there.
 VARIABLE = "BEAMRIDER_CACHE"
 SHARED = (
-    "python workflow/shared.py fetch {params.share} {output} > {log} 2>&1"
-    " || {{ ( COMMAND ) && python workflow/shared.py store {params.share} {output} >> {log} 2>&1; }}"
+    "python -m workflow.shared fetch {params.share} {output} > {log} 2>&1"
+    " || {{ ( COMMAND ) && python -m workflow.shared store {params.share} {output} >> {log} 2>&1; }}"
 )
 #: What a function of parameters or inputs must not ask for, to be known before the job runs.
 LATER = {"input", "output", "threads", "resources"}

@@ -1,6 +1,6 @@
 """Compile what flights run, before the first of them: jobs that start together would each take minutes and 1 GB for it.
 
-    python workflow/machine_code.py --out code.txt
+    python -m workflow.machine_code --out code.txt
 
 Machine code is kept where `beamrider.machine_code.cache` says, for processors like the one that it was made on; others
 make their own. Small sails fly for a moment, on made-up tables: kernels do not depend on the sail.
@@ -9,15 +9,11 @@ make their own. Small sails fly for a moment, on made-up tables: kernels do not 
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-# The program's own modules are those beside this script, whichever copy of it is installed.
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from beamrider.io.files import atomic, check_out, run_stage
 from beamrider.machine_code.cache import digest
@@ -63,7 +59,7 @@ def compile_all(scene: Scene) -> None:
 
 def main() -> None:
     """Compile what flights run."""
-    parser = argparse.ArgumentParser(prog="python workflow/machine_code.py", description=main.__doc__)
+    parser = argparse.ArgumentParser(prog="python -m workflow.machine_code", description=main.__doc__)
     parser.add_argument("--out", required=True, help="text file to write, which names what was compiled")
     given = parser.parse_args()
     check_out(given.out)

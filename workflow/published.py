@@ -1,6 +1,6 @@
 """The published flights: which scenes, for how long, on how fine a mesh, and what the paper says of each.
 
-    python workflow/published.py --scene workflow/scenes/fig6.yaml --out results/published/fig6/fig6.yaml
+    python -m workflow.published --scene workflow/scenes/fig6.yaml --out results/published/fig6/fig6.yaml
 
 writes the scene as it is flown: its own, with the duration and the rings of workflow/published.yaml.
 """

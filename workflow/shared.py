@@ -1,7 +1,7 @@
 """A cache of tables that folders and users share: results by key (`workflow.keys`), each with its digest.
 
-    python workflow/shared.py fetch KEY FILE …     exit code 1 where the cache does not hold them, whole
-    python workflow/shared.py store KEY FILE …
+    python -m workflow.shared fetch KEY FILE …     exit code 1 where the cache does not hold them, whole
+    python -m workflow.shared store KEY FILE …
 
 The environment variable BEAMRIDER_CACHE names its folder; without it there is none. An entry is a folder, renamed into
 place when it is whole, and never changed: of two who store the same, the first is kept. What cannot be stored or

@@ -11,7 +11,6 @@ return at all, is never opened.
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import os
 import sys
@@ -81,11 +80,11 @@ def _find(stream: BinaryIO, size: int) -> int:
 
 def main() -> None:
     """Are files whole? One line on standard error for each that is not, and exit code 2."""
+    from beamrider.io.arguments import parser
     from beamrider.io.files import whole
 
-    parser = argparse.ArgumentParser(prog="python -m beamrider.io.checksum", description=main.__doc__)
-    parser.add_argument("files", nargs="+", metavar="FILE")
-    said = [error for file in parser.parse_args().files if (error := whole(file))]
+    given = parser("beamrider.io.checksum", main.__doc__, {"files": {"nargs": "+", "metavar": "FILE"}}).parse_args()
+    said = [error for file in given.files if (error := whole(file))]
     for line in said:
         print(f"error: {line}", file=sys.stderr)
     raise SystemExit(2 if said else 0)

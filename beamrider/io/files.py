@@ -33,6 +33,8 @@ NonNegative = Annotated[float, Field(ge=0, le=1e30)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 # Part of the names of files: not of a folder above, nor a hidden one, nor an option of a command.
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=100)]
+#: The unit of numbers whose key names none; others, as 'steps', are given alike (`beamrider.schema`).
+DIMENSIONLESS: dict[str, Any] = {"unit": "1"}
 
 
 class Strict(BaseModel):
@@ -91,10 +93,13 @@ def read_mapping(path: str | Path) -> dict[Any, Any]:
     return data
 
 
-def validate(data: Any, model: type[Model], source: str | Path) -> Model:
-    """`data` as a `model`; InputError names `source`, the field, the value given and what is allowed."""
+def validate(data: Any, model: type[Model], source: str | Path, context: Mapping[str, Any] | None = None) -> Model:
+    """`data` as a `model`; InputError names `source`, the field, the value given and what is allowed.
+
+    context: what fields take from outside of themselves, see the model.
+    """
     try:
-        return model.model_validate(data)
+        return model.model_validate(data, context=context)
     except ValidationError as error:
         raise InputError(f"{source}: {describe(error.errors(include_url=False), data, model)}") from None
 
@@ -250,21 +255,23 @@ def progress(items: Iterable[Any], what: str, total: int | None = None, unit: st
     )
 
 
-def _refuse_other_code(script: Path) -> None:
-    """InputError where a script of one checkout would compute with the modules of another, the one installed."""
-    own = next((folder.parent for folder in script.parents if folder.name == "workflow"), None)
+def _refuse_other_code(main: Path) -> None:
+    """InputError where the program of one checkout would compute with the modules of another, the one installed."""
+    own = next((folder.parent for folder in main.parents if folder.name == "workflow"), None)
     ours = Path(__file__).resolve().parents[2]
     if own not in (None, ours) and (own / "optics").is_dir():
-        raise InputError(f"{script}: would compute with the modules of {ours}; set PYTHONPATH={own}")
+        name = ".".join(main.relative_to(own).with_suffix("").parts)
+        raise InputError(f"{main}: would compute with the modules of {ours}; use python -m {name}")
 
 
-def run_stage(main: Callable[[], None]) -> None:
+def run_stage(main: Callable[[], None], program: str | None = None) -> None:
     """Run a stage's `main`; an InputError or a failing disk becomes one line on standard error and exit code 2.
 
-    Outputs that it was the only writer of are others' to write when it ends.
+    program: its name, as in `python -m name`, where that is not what runs. Outputs that it was the only writer of are
+    others' to write when it ends.
     """
     try:
-        said, code = _ended(main)  # with what was raised its bar of progress is gone from the line
+        said, code = _ended(main, program)  # with what was raised its bar of progress is gone from the line
         if code:
             print(said, file=sys.stderr)
             raise SystemExit(code)
@@ -272,11 +279,11 @@ def run_stage(main: Callable[[], None]) -> None:
         release()
 
 
-def _ended(main: Callable[[], None]) -> tuple[str, int]:
+def _ended(main: Callable[[], None], program: str | None) -> tuple[str, int]:
     """What is to be said of how a stage ended, and its exit code."""
     try:
         _refuse_other_code(Path(getattr(sys.modules["__main__"], "__file__", None) or "").resolve())
-        with made.by(main):
+        with made.by(main, program):
             main()
     except InputError as error:
         return f"error: {shortened(str(error))}", 2

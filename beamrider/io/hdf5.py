@@ -27,7 +27,7 @@ def read_hdf5(path: str | Path) -> h5py.File:
 
 
 def real(data: h5py.Dataset) -> NDArray[np.float64]:
-    """The real numbers of a dataset; TypeError where it holds others, or none."""
+    """The real numbers (...) of a dataset; TypeError where it holds others, or none."""
     if data.dtype.kind not in "fiu":
         raise TypeError(f"{data.name} must hold real numbers")
     return np.asarray(data, float)

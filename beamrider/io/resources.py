@@ -10,7 +10,7 @@ from pathlib import Path
 
 from beamrider.io.files import InputError, amount
 
-#: Forecasts of memory are right within this share (`tests/unit/test_forecast`): so much more must be free.
+#: Forecasts of memory are right within this share (`tests/dynamics/test_forecast`): so much more must be free.
 MARGIN = 0.2
 MINUTE, HOUR, DAY, YEAR = 60.0, 3600.0, 86400.0, 3.15576e7
 

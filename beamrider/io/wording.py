@@ -36,7 +36,8 @@ MUST = {
     "multiple_of": "a multiple of {multiple_of:g}",
     "string_too_short": "of at least {min_length} characters", "string_too_long": "of at most {max_length} characters",
     "string_pattern_mismatch": "made of letters, digits, '_', '.' and '-' only, a letter, digit or '_' first",
-    "union_tag_invalid": "one of {expected_tags}", "recursion_loop": "a value that does not hold itself",
+    "union_tag_invalid": "one of {expected_tags}",
+    "union_tag_not_found": "a mapping that names its kind", "recursion_loop": "a value that does not hold itself",
 }
 #: What a branch of a union is for, by the beginning of its name.
 TEXT, LIST, NUMBER = ("str", "constrained-str", "literal"), ("list", "tuple"), ("int", "float", "constrained-")
@@ -176,7 +177,7 @@ def _must(fault: Fault, model: type[BaseModel]) -> str:
         allowed = str(limits["expected"])
         return allowed.replace("True", "true").replace("False", "false").replace("None", "null")
     if fault.kind in ("model_type", "model_attributes_type") and "class_name" in limits:
-        keys = next((m.model_fields for m in _models(model) if m.__name__ == limits["class_name"]), {})
+        keys = next((m.model_fields for m in models_of(model) if m.__name__ == limits["class_name"]), {})
         return f"a mapping of {', '.join(keys)}" if keys else MUST["dict_type"]
     if fault.kind == "greater_than_equal" and 0 < limits["ge"] <= 1e-9 and fault.given <= 0:
         return "greater than 0"  # the bound itself is for numbers that are far too small
@@ -192,14 +193,14 @@ def _joined(fault: Fault, model: type[BaseModel]) -> str:
     """What a rule of the model says, with its place before it: as one where the rule begins with one of its keys."""
     text = " ".join(fault.text.removeprefix("Value error, ").removeprefix("Assertion failed, ").split())
     text = LONG.sub(lambda word: _cut(word[0]), text)
-    where, owners = place(fault.path), {key for m in _models(model) for key in m.model_fields}
+    where, owners = place(fault.path), {key for m in models_of(model) for key in m.model_fields}
     begins = text.replace("[", " ").replace(".", " ").replace(":", " ").split(" ", 1)[0]
     if not where:
         return text
     return f"{where}.{text}" if begins in owners else f"{where}: {text}"
 
 
-def _models(model: Any) -> Iterator[type[BaseModel]]:
+def models_of(model: Any) -> Iterator[type[BaseModel]]:
     """A model and all those that its fields are made of."""
     seen: set[Any] = set()
     waiting = [model]
@@ -208,5 +209,7 @@ def _models(model: Any) -> Iterator[type[BaseModel]]:
         if isinstance(kind, type) and issubclass(kind, BaseModel) and kind not in seen:
             seen.add(kind)
             yield kind
-            waiting += [field.annotation for field in kind.model_fields.values()]
+            fields = kind.model_fields.values()
+            waiting += [field.annotation for field in fields]
+            waiting += [getattr(part, "json_schema_input_type", None) for field in fields for part in field.metadata]
         waiting += get_args(kind)

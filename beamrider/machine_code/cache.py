@@ -74,9 +74,10 @@ def _fits(content: bytes) -> bool:
 def digest(root: Path = ROOT) -> str:
     """Digest of the names and contents of all compiled sources below `root`."""
     sums = hashlib.sha256()
-    for path in sorted([*root.glob("optics/**/*.py"), *root.glob("dynamics/**/*.py")]):
+    folders = ("beamrider/machine_code", "optics", "dynamics")
+    for path in sorted(path for folder in folders for path in root.glob(f"{folder}/**/*.py")):
         content = path.read_bytes()
-        if b"njit" in content or b"@intrinsic" in content:
+        if any(mark in content for mark in (b"njit", b"@intrinsic", b"@hook", b"carray")):
             sums.update(path.relative_to(root).as_posix().encode() + b"\0" + content)
     return sums.hexdigest()[:16]
 

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from beamrider.provenance.sources import ROOT, Program, digest_of_file, program
+from beamrider.provenance.sources import Program, digest_of_file, program
 
 NAME = "made_from"
 #: Options that change no numbers, each with its value.
@@ -25,10 +25,13 @@ _begun: tuple[str, tuple[str, ...]] | None = None
 
 
 @contextlib.contextmanager
-def by(main: Callable[[], None]) -> Iterator[None]:
-    """While a stage runs, whose command is `main`: what it writes says so, with its command line."""
+def by(main: Callable[[], None], program: str | None = None) -> Iterator[None]:
+    """While a stage runs, whose command is `main`: what it writes says so, with its command line.
+
+    program: its name, where that is not what runs.
+    """
     global _begun
-    _begun = _program(main), tuple(sys.argv[1:])
+    _begun = program or _program(main), tuple(sys.argv[1:])
     try:
         yield
     finally:
@@ -36,15 +39,12 @@ def by(main: Callable[[], None]) -> Iterator[None]:
 
 
 def _program(main: Callable[[], None]) -> str:
-    """Name of the running program as in a command: a module ('optics.modal'), or a script's path in the project."""
+    """Name of the running program as in a command: a module ('optics.modal')."""
     running = sys.modules["__main__"]
-    if getattr(running, "main", None) is not main:
-        return main.__module__
     spec = getattr(running, "__spec__", None)
-    path = Path(getattr(running, "__file__", None) or "").resolve()
-    if spec:
-        return str(spec.name).removesuffix(".__main__")
-    return path.relative_to(ROOT.resolve()).as_posix() if path.is_relative_to(ROOT.resolve()) else path.name
+    if getattr(running, "main", None) is not main or not spec:
+        return main.__module__
+    return str(spec.name).removesuffix(".__main__")
 
 
 def made_from() -> dict[str, Any] | None:

@@ -65,9 +65,16 @@ def digest_of_file(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
+def is_text(node: ast.stmt) -> bool:
+    """Is a statement nothing but text, as docstrings are."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
 def _without_docstrings(tree: ast.Module) -> ast.Module:
-    """The tree itself, its docstrings taken out."""
+    """The tree itself, its docstrings taken out, those below the fields of classes too."""
     for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef):
+            node.body[1:] = [part for part in node.body[1:] if not is_text(part)]
         documented = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
         if documented and ast.get_docstring(node, clean=False) is not None:  # type: ignore[arg-type]
             del node.body[0]  # type: ignore[attr-defined]
@@ -114,25 +121,15 @@ def _files(root: Path, name: Dotted) -> Iterator[tuple[Path, Dotted]]:
             return
 
 
-def _roots(script: Path, root: Path) -> list[Path]:
-    """Folders whose modules a script may import: its own, those beside it that hold scripts, and the project's."""
-    top = script.parent if script.parent.parent == root else script.parent.parent
-    beside = [path for path in (top, *sorted(top.iterdir())) if path.is_dir() and any(path.glob("*.py"))]
-    return [*dict.fromkeys([script.parent, *beside, root])]
-
-
 def _modules(start: str, root: Path) -> tuple[dict[Path, Module], set[str]]:
     """The program's own files, and the first names of all other modules that they import."""
-    script = root / start
-    is_script = start.endswith(".py")
-    roots = _roots(script, root) if is_script and script.is_file() else [root]
-    todo: list[tuple[Path, Dotted]] = [(script, ())] if is_script else list(_files(root, tuple(start.split("."))))
+    todo = list(_files(root, tuple(start.split("."))))
     if todo and todo[-1][0].name == "__init__.py" and todo[-1][0].with_name("__main__.py").is_file():
         todo.append((todo[-1][0].with_name("__main__.py"), todo[-1][1]))
-    program = todo[-1][0] if todo else script
+    program = todo[-1][0] if todo else root
     named = program.parent.name if program.stem in ("__init__", "__main__") else program.stem
-    if named != (script.stem if is_script else start.split(".")[-1]) or not program.is_file():
-        raise FileNotFoundError(f"{start}: no such module or script in {root.resolve()}")
+    if named != start.split(".")[-1] or not program.is_file():
+        raise FileNotFoundError(f"{start}: no such module in {root.resolve()}")
     found: dict[Path, Module] = {}
     others: set[str] = set()
     mains = {program}  # files whose `main` runs: the program's, or the one that it takes for its own
@@ -143,7 +140,7 @@ def _modules(start: str, root: Path) -> tuple[dict[Path, Module], set[str]]:
         found[path] = module = read_module(path)
         for level, base in (*module.imports, *(module.imports_of_main if path in mains else ())):
             name = (*(package[: len(package) - level + 1] if level else ()), *base)
-            files = [file for folder in roots for file in _files(folder, name)]
+            files = list(_files(root, name))
             if path == program and files and name[-1] == "main":
                 mains.add(files[-1][0])
             todo += files
@@ -152,13 +149,13 @@ def _modules(start: str, root: Path) -> tuple[dict[Path, Module], set[str]]:
 
 
 def sources(start: str, root: str | Path = ROOT) -> list[str]:
-    """The program's own files, relative to `root`, sorted: `start` is a module ('optics.modal') or a script's path."""
+    """The program's own files, relative to `root`, sorted: `start` is a module ('optics.modal')."""
     root = Path(root)
     return sorted(path.relative_to(root).as_posix() for path in _modules(start, root)[0])
 
 
 def program(start: str, root: str | Path = ROOT) -> Program:
-    """What a program under `root` is made of: `start` is a module ('optics.modal') or a script's path."""
+    """What a program under `root` is made of: `start` is a module ('optics.modal')."""
     root = Path(root)
     found, others = _modules(start, root)
     files = {path.relative_to(root).as_posix(): module.digest for path, module in sorted(found.items())}

@@ -1,4 +1,4 @@
-"""Intensity of the beam for compiled kernels; `dynamics.light.beam` is the layer above."""
+"""What compiled kernels need of any beam: the exponential, the ramp; `dynamics.light.pulse` is the layer above."""
 
 from __future__ import annotations
 
@@ -38,15 +38,6 @@ def decay(s: float) -> float:
     p = p * r + 0.5
     p = p * r * r + r + 1.0
     return p * float(np.int64((np.int64(k) + np.int64(1023)) << np.int64(52)).view(np.float64))
-
-
-@numba.njit(cache=True, inline="always")
-def intensity(x: float, y: float, I0: float, w: float) -> float:
-    """Intensity I₀ exp(−2(x² + y²)/w²) in W/m² of a Gaussian beam along z at (x, y) in m; w is its 1/e² radius in m.
-
-    Fundamental Gaussian beam without divergence (Saleh & Teich, Fundamentals of Photonics, §3.1).
-    """
-    return I0 * math.exp(-2.0 * (x * x + y * y) / (w * w))
 
 
 @numba.njit(cache=True)

@@ -1,4 +1,4 @@
-"""From what holds a sail and what it carries to the arrays that the kernels fly; empty where there is neither."""
+"""What holds a sail and what it carries, for its set-up: mounting, masses, free lengths, time step."""
 
 from __future__ import annotations
 
@@ -10,12 +10,10 @@ from scipy.sparse import csr_matrix, diags, eye, kron
 
 from beamrider.arrays import Floats
 from beamrider.io.files import InputError
-from dynamics.membrane.effects.held import Holder
-from dynamics.membrane.effects.tethers import Tethers
 from dynamics.membrane.lattice import membrane_thickness, per_triangle
 from dynamics.sail import payload
 from dynamics.sail.attitude import rotation_from_angles
-from dynamics.sail.held import area_slopes, free_share, supports
+from dynamics.sail.held import free_share, supports
 from dynamics.sail.mesh import Mesh
 from dynamics.scene.schema import Scene
 
@@ -54,45 +52,7 @@ def free_squares(scene: Scene, mesh: Mesh, rest: Floats) -> Floats:
     return np.asarray(rest * np.tile(share, 3))
 
 
-def holder(scene: Scene, mesh: Mesh, centred: Floats) -> Holder:
-    """What acts on the nodes of a sail that is held; centred (n, 3) in m: the mesh about its centre of mass."""
-    held, none, empty = scene.holding, np.zeros(3), np.empty((3, 0))
-    if held is None:
-        return Holder(False, np.empty(0, np.uint32), np.empty(0), empty, empty, none, none, 0.0, 0.0, 0.0)
-    found, shaking = supports(held, mesh), held.shaking
-    nodes, upright = found.sprung, scene.model_copy(update={"release": scene.release.model_copy(update={
-        "offset_m": [0.0, 0.0]
-    })})
-    pull = np.zeros((3, nodes.size))
-    if held.tension_N_m > 0.0:
-        pull[:, found.rim > 0.0] = held.tension_N_m * area_slopes(mesh)[nodes[found.rim > 0.0]].T
-    gravity = np.array(held.gravity_m_s2)
-    return Holder(
-        acts=bool(nodes.size or gravity.any() or shaking or held.drag_1_s), nodes=nodes.astype(np.uint32),
-        stiffness=found.stiffness, anchor=np.ascontiguousarray(mounted(scene, centred[nodes].T)),
-        pull=np.ascontiguousarray(mounted(upright, pull)), gravity=gravity,
-        shaking=np.array(shaking.acceleration_m_s2) if shaking else none,
-        rate=2.0 * math.pi * shaking.frequency_Hz if shaking else 0.0,
-        phase=math.radians(shaking.phase_deg) if shaking else 0.0, drag=held.drag_1_s,
-    )
-
-
-def lines(scene: Scene, mesh: Mesh, centre: Floats) -> Tethers:
-    """Point masses and their tethers; centre (3,) in m: of mass of the mesh. InputError where one misses the sail."""
-    found = payload.tethers(scene.carried)
-    corners, weights = payload.on_mesh(found.to, mesh, f"{scene.name}.yaml")
-    ends = np.einsum("kj,kjc->kc", weights, mesh.nodes[corners])
-    return Tethers(
-        mass=found.mass, start=np.ascontiguousarray(mounted(scene, (found.position - centre).T)),
-        body=found.body.astype(np.uint32), corners=np.ascontiguousarray(corners.T, dtype=np.uint32),
-        weights=np.ascontiguousarray(weights.T), stiffness=found.stiffness, length=found.lengths(ends),
-        retardation=found.retardation, strength=found.strength, pushes=found.pushes,
-    )
-
-
-def stiffened(
-    scene: Scene, mesh: Mesh, matrix: csr_matrix, masses: Floats, tethers: Tethers
-) -> tuple[csr_matrix, Floats]:
+def stiffened(scene: Scene, mesh: Mesh, matrix: csr_matrix, masses: Floats) -> tuple[csr_matrix, Floats]:
     """K (3n + 3b, 3n + 3b) in N/m with springs and tethers, and all masses (n + b,), for the time step.
 
     As if each resisted in every direction, and nothing were held fast: that only raises the frequencies (Horn &
@@ -100,13 +60,15 @@ def stiffened(
     """
     if scene.holding is None and not scene.carried:
         return matrix, masses
+    tethers = payload.tethers(scene.carried)
+    corners, weights = payload.on_mesh(tethers.to, mesh, f"{scene.name}.yaml")
     n, b = masses.size, tethers.mass.size
     extra = np.zeros(n + b)
     if scene.holding is not None:
         found = supports(scene.holding, mesh)
         np.add.at(extra, found.sprung, found.stiffness)
-    rows = np.concatenate([tethers.corners, n + tethers.body[None].astype(np.uint32)])
-    shares = np.concatenate([tethers.weights, -np.ones((1, tethers.body.size))])
+    rows = np.concatenate([corners.T, n + tethers.body[None]])
+    shares = np.concatenate([weights.T, -np.ones((1, tethers.body.size))])
     line = np.broadcast_to(np.arange(tethers.body.size), rows.shape)
     along = csr_matrix((shares.ravel(), (line.ravel(), rows.ravel())), shape=(tethers.body.size, n + b))
     links = along.T @ diags(tethers.stiffness) @ along + diags(extra)
@@ -138,3 +100,8 @@ def check_drag(scene: Scene, dt: float) -> None:
             f"{scene.name}.yaml: held.drag_1_s = {held.drag_1_s:g}: must be at most {MOST_DRAG / dt:.3g}, a tenth over "
             f"the time step {dt:.3g} s"
         )
+
+
+def slowest_tether(scene: Scene) -> float:
+    """Longest retardation time in s of the tethers, 0 without any."""
+    return max((line.damping_s for body in scene.carried for line in body.tethers), default=0.0)

@@ -15,7 +15,7 @@ import numpy as np
 from beamrider.arrays import Floats
 from beamrider.io.files import Stopwatch, progress
 from beamrider.machine_code.cache import digest
-from dynamics.membrane.arrays import Work
+from dynamics.membrane.arrays import WorkSpace
 from dynamics.membrane.build import Membrane, build
 from dynamics.membrane.effects import failure, tethers
 from dynamics.membrane.forecast import require_mesh, require_series, say_flexible
@@ -25,8 +25,8 @@ from dynamics.membrane.output.journal import Journal, leaves, numbers_digest, wi
 from dynamics.membrane.release import release
 from dynamics.membrane.row_layout import kept
 from dynamics.membrane.state import State
-from dynamics.membrane.stepping import corotating_flight as carried
-from dynamics.membrane.stepping.corotating_setup import carrier_work
+from dynamics.membrane.stepping import corotating_flight
+from dynamics.membrane.stepping.corotating_setup import corotating_work
 from dynamics.membrane.stepping.step import run
 from dynamics.membrane.stepping.threads import assist, dismiss
 from dynamics.membrane.strains import strains
@@ -40,7 +40,7 @@ CHUNK = 512
 #: Most steps that are timed at once, and seconds after which it is enough.
 MOST, ENOUGH = 512, 0.1
 #: Part of the fingerprint of a checkpoint, as are the compiled sources: raise it when this module gives other numbers.
-SCHEMA = 4
+SCHEMA = 5
 REASONS = {
     failure.INTACT: "finished", failure.TENSILE: "tensile_failure", failure.THERMAL: "thermal_failure",
     failure.LEFT_TABLE: "left_table", failure.FLY_AWAY: "fly_away", failure.NON_FINITE: "non_finite",
@@ -68,9 +68,7 @@ class Flight:
         self.model = self.membrane.model
         require_series(scene, self.model.dt, self.model.end, folder)
         self.state: State = initial_state(self.membrane)
-        self.work: Work = work_space(
-            self.model, scene.flight.on_failure, self.membrane.lattice.conductance_shares, threads
-        )
+        self.work: WorkSpace = work_space(self.model, threads)
         # What a later run needs, which may have another number of threads
         self._kept = without(self.work._replace(stencil=kept(self.work.stencil)), self.model)
         self._others = ThreadPoolExecutor(threads)
@@ -78,17 +76,18 @@ class Flight:
             # Compiled here, where it may fail: the first thread would wait without end for one that never starts
             dismiss(self.work.stencil.scratch.board)
             self._assist(1)
-        self.carrier = self.membrane.carrier
-        self.carrying = None if self.carrier is None else carrier_work(self.carrier, self.model)
+        self.corotating = self.membrane.corotating
+        self.corotating_work = None if self.corotating is None else corotating_work(self.corotating, self.model)
         self.step, self.fresh = 0, True
         self._wall, self._watch, self._saved = 0.0, Stopwatch(), Stopwatch()
         n = self.model.masses.size
-        width = record.WIDTH + tethers.width(self.model.tethers.mass.size, self.model.tethers.body.size)
-        self.journal = Journal(folder, width, 1 + 7 * n + self.work.broken.failed.size)
+        carried = (self.model.effects.tethers.mass.size, self.model.effects.tethers.body.size)
+        width, self._more = record.WIDTH + tethers.width(*carried), tethers.payload_columns(*carried)
+        self.journal = Journal(folder, width, 1 + 7 * n + self.work.effects.tearing.failed.size)
         self._rows = np.empty((CHUNK // self.model.series_every + 3, width))
         self._frame_steps = max(1, round(scene.flight.snapshot_every_s / self.model.dt))
         # The numbers that fly, too: they change with any edit of a material, the lattice or the mesh
-        flying = [self.model, *([self.carrier] if self.carrier is not None else [])]
+        flying = [self.model, *([self.corotating] if self.corotating is not None else [])]
         digests = [digest(), *map(numbers_digest, flying), *(table.digest for table in tables.values())]
         self._fingerprint = hashlib.sha256(repr([SCHEMA, scene.model_dump_json(), digests]).encode()).hexdigest()
 
@@ -101,9 +100,9 @@ class Flight:
     def memory(self) -> int:
         """Bytes of all arrays that the kernels are given, but for the pressure tables; each array counts once."""
         parts: list[Any] = [self.model, self.state, self.work]
-        parts += [self.carrier, self.carrying] if self.carrier is not None else []
+        parts += [self.corotating, self.corotating_work] if self.corotating is not None else []
         held = [found for part in parts for found in leaves(part)]
-        arrays = [np.asarray(value) for name, value in held if not name.startswith("light.tables.")]
+        arrays = [np.asarray(value) for name, value in held if not name.startswith("effects.light.tables.")]
         return sum({array.ctypes.data: array.nbytes for array in arrays if array.nbytes}.values())
 
     def resume(self) -> bool:
@@ -122,7 +121,7 @@ class Flight:
     def fly(self) -> End:
         """To the end, with progress on standard error and checkpoints on the way."""
         name, every = self.membrane.scene.name, self.membrane.scene.flight.checkpoint_every_s
-        before, after = paces(self)
+        before, after = step_seconds(self)
         release, end = self.model.release, self.model.end
 
         def done(step: int) -> int:
@@ -146,7 +145,7 @@ class Flight:
         """Wall time in s of each of `count` steps from the start, the release or the present, which leave no trace."""
         kept, model = [array.copy() for _, array in self._arrays()], self.model
         if start == model.release and self.step < start:
-            release(self.membrane, self.state, self.work.tethers)
+            release(self.membrane, self.state, self.work.effects.tethers)
         watch = Stopwatch()
         last = model.release if start < model.release else model.end
         _, reached, _ = self._run(start, min(start + count, last), True)
@@ -167,7 +166,7 @@ class Flight:
         if code != failure.INTACT:
             return self._fail(code, before, start, fresh)
         if self.step == self.model.release:
-            release(self.membrane, self.state, self.work.tethers)
+            release(self.membrane, self.state, self.work.effects.tethers)
             self.fresh = True
         if (self.step - self.model.release) % self._frame_steps == 0 or self.step == self.model.end:
             self._frame()
@@ -193,11 +192,11 @@ class Flight:
         board[:] = 0
         try:
             others = [self._others.submit(self._assist, k) for k in range(1, work.stencil.scratch.bad.size)]
-            if self.carrier is None:
+            if self.corotating is None:
                 found = run(model, self.state, work, start, stop, fresh, self._rows)
             else:
-                found = carried.run(
-                    model, self.carrier, self.state, work, self.carrying, start, stop, fresh, self._rows
+                found = corotating_flight.run(
+                    model, self.corotating, self.state, work, self.corotating_work, start, stop, fresh, self._rows
                 )
         except BaseException:
             # The others would wait for work, and the process for them, without end
@@ -210,11 +209,12 @@ class Flight:
     def _assist(self, thread: int) -> None:
         """What one of the other threads does during a kernel call."""
         work, model = self.work, self.model
-        assist(model.stencil, work.stencil, model.light, work.light, work.ahead, work.broken.gone, thread)
+        light, held, gone = model.effects.light, work.effects.light, work.effects.tearing.gone
+        assist(model.stencil, work.stencil, light, held, work.ahead, gone, thread)
 
     def _trees(self) -> list[Any]:
         """All that changes as the sail flies."""
-        return [self.state, self._kept, *([self.carrying] if self.carrying is not None else [])]
+        return [self.state, self._kept, *([self.corotating_work] if self.corotating_work is not None else [])]
 
     def _arrays(self) -> Iterator[tuple[str, Any]]:
         for tree in self._trees():
@@ -231,7 +231,7 @@ class Flight:
         if not self.model.warm:
             temperature = np.full(self.model.masses.size, self.membrane.scene.flight.start_temperature_K)
         time = (self.step - self.model.release) * self.model.dt
-        failed = self.work.broken.failed.astype(float)
+        failed = self.work.effects.tearing.failed.astype(float)
         self.journal.add_frame(np.array([time]), self.state.x.T, self.state.v.T, temperature, failed)
 
     def _fail(self, code: int, before: list[Any], start: int, fresh: bool) -> End:
@@ -266,7 +266,7 @@ class Flight:
         if code == failure.NON_FINITE:
             return x[node], f"node {node}"
         if code == failure.LEFT_TABLE:
-            u, v = self.work.light.direction
+            u, v = self.work.effects.light.direction
             sector = int(mesh.sector[found])
             return x[mesh.triangles[found]].mean(axis=0), f"triangle {found}, sector {sector}, u = {u:.6g}, v = {v:.6g}"
         if code == failure.THERMAL or self.membrane.elastic_triangles:
@@ -281,28 +281,29 @@ class Flight:
             points = points.reshape(n, 3)
             strain, slack = strains(self.membrane, points, temperature)
             flags = failed if failed.size else None
-            if self.work.broken.gone.size:
+            if self.work.effects.tearing.gone.size:
                 strain[failed > 0] = np.nan  # of a triangle that is no longer there
                 slack = None if slack is None else np.where(failed > 0, 0.0, slack)
-            yield Frame(float(numbers[0]), points, velocity.reshape(n, 3), temperature, strain, flags, slack)
+            yield Frame(
+                float(numbers[0]), points, velocity.reshape(n, 3), temperature, strain, failed=flags, slack=slack
+            )
 
     def columns(self) -> dict[str, tuple[Floats, str]]:
         """Columns and units of the series."""
         cold = None if self.model.warm else self.membrane.scene.flight.start_temperature_K
-        more = tethers.columns(self.model.tethers.mass.size, self.model.tethers.body.size)
-        return series(np.asarray(self.journal.rows), cold, more)
+        return series(np.asarray(self.journal.rows), cold, self._more)
 
 
-def paces(flight: Flight) -> tuple[float, float]:
+def step_seconds(flight: Flight) -> tuple[float, float]:
     """Wall time in s of a step of the spin-up and of one in the light, with everything compiled."""
-    after = _pace(flight, max(flight.step, flight.model.release))
-    return _pace(flight, 0) if flight.step < flight.model.release else after, after
+    after = _seconds_a_step(flight, max(flight.step, flight.model.release))
+    return _seconds_a_step(flight, 0) if flight.step < flight.model.release else after, after
 
 
-def _pace(flight: Flight, start: int) -> float:
+def _seconds_a_step(flight: Flight, start: int) -> float:
     """Wall time in s of a step from one on, renewals of light and heat shared out."""
     flight.rehearse(start, 1)
-    count = min(MOST, max(8, flight.model.optics_every, flight.model.heat.every))
+    count = min(MOST, max(8, flight.model.optics_every, flight.model.effects.heat.every))
     while True:
         spent = flight.rehearse(start, count)
         if count == MOST or spent * count > ENOUGH:

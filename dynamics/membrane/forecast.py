@@ -1,6 +1,6 @@
 """What a flexible flight will take: memory and disk space from its scene before it starts, time from its first steps.
 
-Bytes are what flights were measured to take at most, while they are built (`tests/unit/test_forecast`).
+Bytes are what flights were measured to take at most, while they are built (`tests/dynamics/test_forecast`).
 """
 
 from __future__ import annotations

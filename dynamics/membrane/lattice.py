@@ -85,6 +85,11 @@ def sheet_modulus(sail: Sail, mesh: Mesh) -> Floats:
     return np.asarray(membrane / (8.0 * (1.0 - per_triangle(sail, mesh, "poisson") ** 2) * mesh.areas))
 
 
+def centred(mesh: Mesh, masses: Floats) -> Floats:
+    """Rest nodes (n, 3) in m about the centre of mass."""
+    return np.asarray(mesh.nodes - masses @ mesh.nodes / masses.sum())
+
+
 def conductance(sail: Sail, mesh: Mesh, form: str) -> Floats:
     """Heat conductances (t, 3) in W/K that each triangle gives its sides 01, 12, 20; an edge has those of both.
 
@@ -108,7 +113,7 @@ def over_adjacent(mesh: Mesh, values: Floats, how: str) -> Floats:
     return np.asarray(pair.min(axis=0) if how == "min" else pair.mean(axis=0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Lattice:
     """Node masses (n,) kg and heat capacities (n,) J/K; spring constants, conductances, expansion and limits (e,).
 

@@ -35,7 +35,7 @@ def release(membrane: Membrane, state: State, tethers: TetherWork) -> None:
     state.v[...] = tilt @ state.v
     tethers.x[...] = tilt @ tethers.x + np.array([*given.offset_m, 0.0])[:, None]
     tethers.v[...] = tilt @ tethers.v
-    if membrane.carrier is not None:
+    if membrane.corotating is not None:
         state.v[...] *= chord_speed(membrane.scene, membrane.model.dt)
 
 

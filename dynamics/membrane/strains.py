@@ -26,18 +26,19 @@ def strains(membrane: Membrane, points: Floats, temperature: Floats) -> tuple[Fl
     mesh, model = membrane.mesh, membrane.model
     a, b = mesh.edges.T
     if membrane.elastic_triangles:
-        corners, free, t = model.triangles.corners, free_sides(model.stencil, model.sheet), len(mesh.triangles)
-        whole = sheet.SheetWork(model.sheet.modulus, model.sheet.shear, model.sheet.limit)
+        corners, free, t = model.triangles.corners, free_sides(model.stencil, model.effects.sheet), len(mesh.triangles)
+        whole = sheet.SheetWork(model.effects.sheet.modulus, model.effects.sheet.shear, model.effects.sheet.limit)
         patch, found = Patch(np.empty((6, PATCH)), np.empty((10, PATCH)), np.empty((PATCH, 4))), np.empty((2, t))
-        sheet.grow(model.sheet, model.stencil, corners, temperature, free)
-        properties.grow(model.curves.expansion, model.sheet, model.stencil, corners, temperature, free)
+        sheet.grow(model.effects.sheet, model.stencil, corners, temperature, free)
+        growing = model.effects.properties.expansion
+        properties.grow(growing, model.effects.sheet, model.stencil, corners, temperature, free)
         sheet.principal(
-            model.sheet, whole, model.stencil, free, corners, np.ascontiguousarray(points.T), patch, found
+            model.effects.sheet, whole, model.stencil, free, corners, np.ascontiguousarray(points.T), patch, found
         )
         poisson = per_triangle(membrane.scene.sail, mesh, "poisson")
         return found[0], (found[1] + poisson * found[0] < -LEAST_STRAIN).astype(float)
     free = mesh.lengths
-    if model.springs.expansion.size:
+    if model.effects.springs.expansion.size:
         mean = 0.5 * (temperature[a] + temperature[b])
         free = free * (1.0 + membrane.lattice.expansion * (mean - REFERENCE_TEMPERATURE))
     edges = np.linalg.norm(points[b] - points[a], axis=1) / free - 1.0

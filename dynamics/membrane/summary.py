@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dynamics.light.pointing import from_beam
 from dynamics.membrane.effects import tearing
 from dynamics.membrane.flight import End, Flight
 from dynamics.sail.neglected import neglected
@@ -17,8 +18,8 @@ from optics.table.pressure_table import PressureTable
 
 def first_failure(flight: Flight) -> dict[str, Any]:
     """When, where and how the first triangle failed of a flight that goes on after it; nothing if none did."""
-    broken = flight.work.broken
-    if broken.tally[tearing.BY_STRESS] + broken.tally[tearing.BY_HEAT] == 0:
+    broken = flight.work.effects.tearing
+    if tearing.failures(broken) == 0:
         return {}
     kind = "tensile_failure" if broken.tally[tearing.KIND] == tearing.BY_STRESS else "thermal_failure"
     place = {"first_failure_time": float(broken.first[0]), "first_failure_position": broken.first[1:].copy()}
@@ -29,6 +30,9 @@ def errors_met(flight: Flight, tables: dict[str, PressureTable]) -> TableErrors:
     """What the tables' stated errors come to on the way of a flight, in its snapshots from the release on."""
     n, mesh = flight.model.masses.size, flight.membrane.mesh
     points = [numbers[1 : 1 + 3 * n].reshape(n, 3) for numbers in flight.journal.frames if numbers[0] >= 0.0]
+    if flight.model.effects.light.wander.periods.size > 0:
+        times = [float(numbers[0]) for numbers in flight.journal.frames if numbers[0] >= 0.0]
+        points = [from_beam(flight.model.effects.light.wander, t, one) for t, one in zip(times, points, strict=True)]
     return membrane_errors(flight.membrane.scene, tables, mesh, points)
 
 
@@ -39,7 +43,7 @@ def lit_from_behind(flight: Flight) -> float | None:
         x, failed = numbers[1 : 3 * n + 1].reshape(n, 3), numbers[7 * n + 1 :]
         a, b, c = (x[triangles[:, i], :2] for i in range(3))
         facing = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-        there = failed == 0.0 if flight.work.broken.gone.size else np.ones(facing.size, bool)
+        there = failed == 0.0 if flight.work.effects.tearing.gone.size else np.ones(facing.size, bool)
         if numbers[0] >= 0.0 and np.any(facing[there] <= 0.0):
             return float(numbers[0])
     return None
@@ -54,7 +58,7 @@ def attributes(flight: Flight, end: End, tables: dict[str, PressureTable]) -> di
         "end_reason": end.reason, "end_time": end.time, "end_position": end.position, "end_detail": end.detail,
         "steps": end.step, "time_step": model.dt, "mass_kg": float(model.masses.sum()),
         "scene": scene.model_dump_json(), "tables": json.dumps(provenance(tables)),
-        "effects": json.dumps({name: effect.on for name, effect in flight.membrane.effects.items()}),
-        "wall_seconds": flight.wall_seconds, "outside_table": int(flight.work.light.outside[0]),
+        "effects": json.dumps({name: effect.on for name, effect in flight.membrane.plan.items()}),
+        "wall_seconds": flight.wall_seconds, "outside_table": int(flight.work.effects.light.outside[0]),
         **first_failure(flight),
     }

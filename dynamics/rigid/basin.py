@@ -24,21 +24,32 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from beamrider.arrays import Floats
-from beamrider.io.files import InputError, Number, Positive, Strict, progress, read_model, reading, versions
+from beamrider.io.arguments import part_of, stage_arguments
+from beamrider.io.files import (
+    DIMENSIONLESS,
+    InputError,
+    Number,
+    Positive,
+    Strict,
+    finish,
+    progress,
+    read_model,
+    reading,
+    versions,
+)
 from beamrider.io.hdf5 import new_hdf5, read_hdf5, real
 from beamrider.machine_code.notice import compiling
 from dynamics.rigid import integrator as kernel
 from dynamics.rigid.body import RigidBody, rigid_body
-from dynamics.rigid.stage import REASONS, pace, terms_of
+from dynamics.rigid.stage import REASONS, step_seconds, terms_of
 from dynamics.sail.forecast import require_cells, say_basin
 from dynamics.sail.sectors import load_tables, provenance
 from dynamics.scene import schema as scenes
-from dynamics.scene.command_line import finish, stage_arguments
 from optics.table.pressure_table import PressureTable
 
 Tilt = Annotated[float, Field(gt=-90, lt=90)]
 Range = Annotated[list[Number], Field(min_length=2, max_length=2)]
-Count = Annotated[int, Field(ge=1, le=10_000)]
+Count = Annotated[int, Field(ge=1, le=10_000, json_schema_extra=DIMENSIONLESS)]
 TRIALS = 5  # flights whose time is taken
 COLUMNS = ("end_time", "end_code", "distance_max", "tilt_max", "steps")
 UNITS = {"end_time": "s", "end_code": "1", "distance_max": "m", "tilt_max": "rad", "steps": "1"}
@@ -48,23 +59,31 @@ class Grid(Strict):
     """Releases of a map: offsets along one direction from the axis, tilts of the normal towards another.
 
     Tilt t towards direction γ is pitch = t cos γ, roll = t sin γ; the paper's releases lie on both directions at 45°.
-    Negative offsets would repeat what negative tilts show. offsets_m: null for up to nine tenths of the radius of the
-    beam. limit_m: distance from the axis that counts as lost; null for the radius of the beam.
+    Negative offsets would repeat what negative tilts show.
     """
 
     offsets_m: Range | None = None
+    """First and last offset; null for up to nine tenths of the radius of the beam."""
     n_offsets: Count = 25
+    """Number of offsets."""
     tilts_deg: Range = [-8.0, 8.0]
+    """First and last tilt."""
     n_tilts: Count = 41
+    """Number of tilts."""
     offset_direction_deg: scenes.Rate = 45.0
+    """Direction of the offsets from x towards y."""
     tilt_direction_deg: scenes.Rate = 45.0
+    """Direction γ of the tilts."""
     duration_s: scenes.Duration = 5.0
-    tolerance: Annotated[float, Field(ge=1e-15, le=1e-2)] = 1e-9
+    """Time for which a bounded flight lasts."""
+    tolerance: Annotated[float, Field(ge=1e-15, le=1e-2, json_schema_extra=DIMENSIONLESS)] = 1e-9
+    """Error of a step, as in `rigid.tolerance` of a scene."""
     limit_m: Positive | None = None
+    """Distance from the axis that counts as lost; null for the radius of the beam."""
 
     def over(self, beam: scenes.Beam) -> Grid:
         """The grid with the offsets that suit a beam, where it leaves them open."""
-        return self if self.offsets_m else self.model_copy(update={"offsets_m": [0.0, 9.0 * beam.radius_m / 10.0]})
+        return self if self.offsets_m else self.model_copy(update={"offsets_m": [0.0, 9.0 * beam.reach_m / 10.0]})
 
     @property
     def offsets(self) -> Floats:
@@ -102,7 +121,7 @@ class Basin:
 
 def limited(scene: scenes.Scene, grid: Grid) -> scenes.Scene:
     """The scene with the grid's duration, tolerance and limit, and no rows but the first."""
-    limit = scene.beam.radius_m if grid.limit_m is None else grid.limit_m
+    limit = scene.beam.reach_m if grid.limit_m is None else grid.limit_m
     rigid = scene.rigid.model_copy(update={
         "duration_s": grid.duration_s, "tolerance": grid.tolerance, "output_Hz": 1.0 / grid.duration_s,
     })
@@ -132,7 +151,7 @@ def _foresee(body: RigidBody, scene: scenes.Scene, grid: Grid, cells: NDArray[np
     terms, seconds = terms_of(scene, body.units), []
     for cell in cells[:TRIALS]:
         start = body.start(grid.release(int(cell), scene.release.spin_Hz))
-        steps, each = pace(body, terms, kernel.start(start, terms.rows.size))
+        steps, each = step_seconds(body, terms, kernel.start(start, terms.rows.size))
         seconds.append(each * min(1.0, scene.rigid.most_steps / steps))
     say_basin(scene, cells.size, float(np.mean(seconds)))
 
@@ -203,21 +222,10 @@ def _read_block(path: str | Path, key: str) -> Basin:
         return Basin(cells, columns, float(file.attrs["cpu_seconds"]))
 
 
-def _block(text: str | None) -> tuple[int, int]:
-    """'i/n' as (i, n)."""
-    try:
-        i, n = (int(part) for part in (text or "1/1").split("/"))
-    except ValueError:
-        i, n = 0, 0
-    if not 1 <= i <= n:
-        raise InputError(f"--block = {text}: must be i/n with 1 ≤ i ≤ n, for example 2/8")
-    return i, n
-
-
 OPTIONS: dict[str, dict[str, Any]] = {
     "--grid": {"help": "YAML file of the releases (default: 25 offsets by 41 tilts, 5 s)"},
     "--incidence": {"help": "instead of the scene's own", "choices": ["sail_frame", "yaw_blind"]},
-    "--block": {"help": "fly only block i of n, given as i/n"},
+    "--block": {"default": "1/1", "metavar": "I/N", "help": "fly only block i of n, as in 2/8"},
     "--parts": {"help": "files of all blocks, to be put together instead of flown", "nargs": "+"},
 }
 
@@ -233,7 +241,7 @@ def main() -> None:
     if arguments.parts:
         basin = merge(arguments.parts, scene, tables, grid)
     else:
-        block = _block(arguments.block)
+        block = part_of("--block", arguments.block)
         require_cells(grid.n_offsets * grid.n_tilts, block[1], arguments.grid or "--grid")
         with compiling("1 min"):
             basin = fly_cells(scene, tables, grid, block_cells(grid, block))

@@ -12,9 +12,13 @@ import numpy as np
 
 from beamrider.arrays import Floats
 from beamrider.io.files import InputError
+from dynamics.light.gaussian_rules import ERROR, NARROWEST, beam_rules
 from dynamics.light.intensity import LIGHT_SPEED
+from dynamics.light.pointing import wander
+from dynamics.light.rules import TooSteep, profile_rules, scaled
+from dynamics.light.sectors import Rules
+from dynamics.light.spots import pack
 from dynamics.rigid import equations as kernel
-from dynamics.rigid.quadrature import ERROR, NARROWEST, beam_rules
 from dynamics.rigid.towing import Towing
 from dynamics.sail.attitude import quaternion_from_angles, rotation_from_quaternion
 from dynamics.sail.masses import designed
@@ -148,29 +152,51 @@ def _light(scene: scenes.Scene, units: Units) -> kernel.Light:
     beam = scene.beam
     if beam.polarisation != "sail" and scene.incidence == "yaw_blind":
         raise InputError(f"beam.polarisation = '{beam.polarisation}': needs incidence: sail_frame, which knows the yaw")
+    if scene.incidence == "yaw_blind" and beam.pointing.tilts:
+        raise InputError(
+            f"{scene.name}.yaml: beam.pointing: tilts need incidence: sail_frame; yaw_blind knows light along z alone"
+        )
     return kernel.Light(
-        1.0 if beam.intensity_W_m2 > 0 else 0.0, beam.radius_m / units.length, beam.delay_s / units.time,
+        1.0 if beam.intensity_W_m2 > 0 else 0.0, pack(beam.spots, 1.0 / units.length),
+        wander(beam.pointing, beam.power_noise, units.length, units.time), beam.delay_s / units.time,
         beam.rise_s / units.time, beam.on_s / units.time, scene.incidence == "yaw_blind",
         scene.rigid.beam_distance == "published", beam.polarisation != "sail", float(np.radians(beam.polarisation_deg)),
         2.0 * np.pi * beam.polarisation_Hz * units.time,
     )
 
 
-def _rules(scene: scenes.Scene, shape: SailShape, quadrature: float | None) -> kernel.Rules:
+def _rules(scene: scenes.Scene, shape: SailShape, quadrature: float | None) -> Rules:
     """Quadrature of the beam over the sail in diameters, or none."""
     if quadrature is None:
-        return kernel.Rules(np.zeros(0), np.zeros(0), np.zeros((0, 0), np.int64), np.zeros((0, 4)))
-    spans = tuple((float(s.start), float(s.stop)) for s in shape.sectors)
-    if scene.beam.radius_m < NARROWEST * shape.radius:
+        return Rules(np.zeros(0), np.zeros(0), np.zeros((0, 0), np.int64), np.zeros((0, 4)), 0.0)
+    spans, beam = tuple((float(s.start), float(s.stop)) for s in shape.sectors), scene.beam
+    if not beam.gaussian:
+        return _profile_rules(scene, shape, spans, quadrature)
+    if beam.radius_m < NARROWEST * shape.radius:
         raise InputError(
-            f"{scene.name}.yaml: beam.radius_m = {scene.beam.radius_m:g}: must be at least {NARROWEST:g} of "
+            f"{scene.name}.yaml: beam.radius_m = {beam.radius_m:g}: must be at least {NARROWEST:g} of "
             f"sail.radius_m, {NARROWEST * shape.radius:g}, for a rigid sail"
         )
-    return beam_rules(spans, 0.5, scene.beam.radius_m / shape.diameter, quadrature)
+    return beam_rules(spans, 0.5, beam.radius_m / shape.diameter, quadrature)
+
+
+def _profile_rules(
+    scene: scenes.Scene, shape: SailShape, spans: tuple[tuple[float, float], ...], quadrature: float
+) -> Rules:
+    """Those of all beams but round Gaussian ones."""
+    if scene.rigid.beam_distance == "published":
+        raise InputError(
+            f"{scene.name}.yaml: rigid.beam_distance = 'published': must be 'lateral' but for a round Gaussian beam"
+        )
+    error = max([quadrature, *(spot.profile.error for spot in scene.beam.spots)])
+    try:
+        return scaled(profile_rules(scene.beam.spots, spans, shape.radius, error), shape.diameter)
+    except TooSteep as refusal:
+        raise InputError(f"{scene.name}.yaml: beam.profile: {refusal}") from None
 
 
 def _arrays(
-    shape: SailShape, units: Units, tables: dict[str, PressureTable], rules: kernel.Rules
+    shape: SailShape, units: Units, tables: dict[str, PressureTable], rules: Rules
 ) -> kernel.RigidSail:
     """The sail's arrays in normalised units; tables are numbered in the order of the mapping."""
     inertia = shape.inertia / (units.mass * units.length**2)

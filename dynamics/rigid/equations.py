@@ -15,29 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamrider.arrays import Floats
+from dynamics.light.aim import Wander, aim, axes, brightness, where
+from dynamics.light.compiled import Profile
 from dynamics.light.intensity import ramp
+from dynamics.light.sectors import Rules, moments
 from dynamics.rigid.towing import NOTHING, Towing, tow
 from optics.table.lookup import lookup_many
 from optics.table.pressure_table import TableArrays, lookup
 
 INSIDE, OUTSIDE_TABLE, LIT_FROM_BEHIND = 0, 1, 2
 MOTION = 13  # position 3, velocity 3, quaternion 4, angular velocity 3
-_DARK = -746.0  # below, exp is 0
 STATE = MOTION + 4  # and what the light has done: work 1, angular impulse 3
-
-
-class Rules(NamedTuple):
-    """Quadrature rules for beams that fall at different distances from the middle of the sail; lengths in diameters.
-
-    Rule k serves distances up to reach[k] and tilts up to slant[k], as the lateral component of k in the body; the last
-    one serves all. Its points of sector s are first[k, s] … first[k, s + 1]. points (n, 4): X and Y from the middle,
-    exponent, weight, so that ∫ exp(−2ρ²/w²) f dA = Σ weight exp(exponent + 2(d² − ρ²)/w²) f with d² = X² + Y².
-    """
-
-    reach: Floats
-    slant: Floats
-    first: NDArray[np.int64]
-    points: Floats
 
 
 class RigidSail(NamedTuple):
@@ -62,14 +50,16 @@ class RigidSail(NamedTuple):
 class Light(NamedTuple):
     """The beam in normalised units, and how the sail sees it.
 
-    power: 1, or 0 without light. radius: of 1/e² intensity. delay, rise, on: of the ramp. yaw_blind: incidence from the
-    lab pitch and roll whatever the yaw. axial: add the axial coordinate of the point to its distance from the beam.
-    polarised: the electric field has its own direction in the lab, at `angle` from x at t = 0 and turning at `rate`
-    (rad per unit time); tables then hold the response to each Stokes component. Otherwise it turns with the sail.
+    power: 1, or 0 without light. profile: across the beam. wander: of its axis and power. delay, rise, on: of the ramp.
+    yaw_blind: incidence from the lab pitch and roll whatever the yaw. axial: add the axial coordinate of the point to
+    its distance from the beam. polarised: the electric field has its own direction in the lab, at `angle` from x at
+    t = 0 and turning at `rate` (rad per unit time); tables then hold the response to each Stokes component. Otherwise
+    it turns with the sail.
     """
 
     power: float
-    radius: float
+    profile: Profile
+    wander: Wander
     delay: float
     rise: float
     on: float
@@ -110,8 +100,8 @@ def incidence(turn: Floats, g: Floats, yaw_blind: bool) -> tuple[float, float]:
 def stokes(turn: Floats, g: Floats, angle: float) -> tuple[float, float]:
     """(s₁, s₂) in a sector's axes of light along +z that is polarised linearly at `angle` from x in the lab.
 
-    e₁ is the sector's r = n × g projected perpendicular to k, e₂ = k × e₁; s₁ = cos 2χ, s₂ = sin 2χ with χ the angle
-    from e₁ towards e₂ (Born & Wolf, Principles of Optics, §1.4.2).
+    turn (3, 3), g (2,). e₁ is the sector's r = n × g projected perpendicular to k, e₂ = k × e₁; s₁ = cos 2χ,
+    s₂ = sin 2χ with χ the angle from e₁ towards e₂ (Born & Wolf, Principles of Optics, §1.4.2).
     """
     x = -turn[0, 0] * g[1] + turn[0, 1] * g[0]
     y = -turn[1, 0] * g[1] + turn[1, 1] * g[0]
@@ -156,69 +146,24 @@ def response(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def exponent(sail: RigidSail, light: Light, turn: Floats, x: float, y: float, out: Floats) -> int:
-    """Write the coefficients (6,) of the beam's exponent over the sail; returns the quadrature rule that serves it.
-
-    With the middle of the sail at lateral position p, its point d at p + A d, A the lateral part of the rotation, and
-    κ the lateral part of k in the body: ρ² = p² + 2 p·A d + d² − (κ·d)², as AᵀA = 1 − κκᵀ. The coefficients are those
-    of 2(d² − ρ²)/w² = c₀ + c₁X + c₂Y + c₃(c₄X + c₅Y)².
-    """
-    kx, ky = turn[2, 0], turn[2, 1]
-    cx, cy = sail.centre[0], sail.centre[1]
-    px = x - turn[0, 0] * cx - turn[0, 1] * cy
-    py = y - turn[1, 0] * cx - turn[1, 1] * cy
-    s = 2.0 / (light.radius * light.radius)
-    square = px * px + py * py
-    out[0] = -s * square
-    out[1] = -2.0 * s * (turn[0, 0] * px + turn[1, 0] * py)
-    out[2] = -2.0 * s * (turn[0, 1] * px + turn[1, 1] * py)
-    out[3], out[4], out[5] = s, kx, ky
-    if light.axial:  # ρ² + (κ·(d − centre))²
-        height = kx * cx + ky * cy
-        out[0] -= s * height * height
-        out[1] += 2.0 * s * height * kx
-        out[2] += 2.0 * s * height * ky
-        out[3] = 0.0
-    rule, slant = 0, kx * kx + ky * ky
-    while square > sail.rules.reach[rule] ** 2 or slant > sail.rules.slant[rule] ** 2:
-        rule += 1
-    return rule
-
-
-@numba.njit(cache=True, error_model="numpy")
-def moments(sail: RigidSail, rule: int, s: int, c: Floats) -> tuple[float, float, float]:
-    """(∫e dA, ∫X e dA, ∫Y e dA) over sector s, e = exp(−2ρ²/w²), X and Y from the centre of mass; c of `exponent`."""
-    total, first_x, first_y = 0.0, 0.0, 0.0
-    points = sail.rules.points
-    for p in range(sail.rules.first[rule, s], sail.rules.first[rule, s + 1]):
-        X, Y = points[p, 0], points[p, 1]
-        tilt = c[4] * X + c[5] * Y
-        dark = points[p, 2] + c[0] + c[1] * X + c[2] * Y + c[3] * tilt * tilt
-        if dark > _DARK:
-            e = points[p, 3] * math.exp(dark)
-            total += e
-            first_x += e * X
-            first_y += e * Y
-    return total, first_x - total * sail.centre[0], first_y - total * sail.centre[1]
-
-
-@numba.njit(cache=True, error_model="numpy")
 def load(
     sail: RigidSail, tables: tuple[TableArrays, ...], light: Light, t: float, turn: Floats, x: float, y: float,
     out: Floats,
 ) -> int:
     """Write force and torque about the centre of mass (6,), body components, at full intensity; worst flag of a sector.
 
+    The light goes along z of the frame that `turn` leads to, the beam's.
+
     F = Σ |w| ∫ e q dA, τ = Σ |w| ∫ e b × q dA over the sectors, q constant in each; b = (X, Y, 0) from the centre of
-    mass, which lies at (x, y) in the lab.
+    mass, which lies at (x, y) from the beam's middle.
     """
     out[:] = 0.0
-    q, c = np.empty(3), np.empty(6)
+    q, lit = np.empty(3), np.empty((sail.table.size, 3))
     flag = INSIDE
-    rule = exponent(sail, light, turn, x, y, c)
+    moments(light.profile, sail.rules, sail.centre, light.axial, turn, x, y, lit)
     for s in range(sail.table.size):
         flag = max(flag, response(sail, tables, light, s, t, turn, q))
-        total, first_x, first_y = moments(sail, rule, s, c)
+        total, first_x, first_y = lit[s, 0], lit[s, 1], lit[s, 2]
         for i in range(3):
             out[i] += total * q[i]
         out[3] += first_y * q[2]
@@ -227,6 +172,20 @@ def load(
     for i in range(6):
         out[i] *= abs(turn[2, 2])
     return flag
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _see(light: Light, t: float, position: Floats, turn: Floats) -> tuple[float, float]:
+    """Turn the rotation of a body at `position` to the frame of a beam that wanders; the place across it there."""
+    lab, frame, now, place = turn.copy(), np.empty((3, 3)), np.empty(5), np.empty((3, 1))
+    place[:, 0] = position
+    aim(light.wander, t, place)
+    where(light.wander, t, now)
+    axes(now, frame)
+    for i in range(3):
+        for j in range(3):
+            turn[i, j] = frame[i, 0] * lab[0, j] + frame[i, 1] * lab[1, j] + frame[i, 2] * lab[2, j]
+    return place[0, 0], place[1, 0]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -243,8 +202,14 @@ def derivative(
     share = light.power * ramp(t, light.delay, light.rise, light.on)
     flag = INSIDE
     if share > 0.0:
-        flag = load(sail, tables, light, t, turn, state[0], state[1], body)
+        across, along = state[0], state[1]
+        if light.wander.periods.size > 0:
+            across, along = _see(light, t, state[:3], turn)
+            share *= brightness(light.wander, t)
+        flag = load(sail, tables, light, t, turn, across, along, body)
         body *= share
+        if light.wander.periods.size > 0:
+            rotation(state[6:10], turn)
     w, x, y, z = state[6], state[7], state[8], state[9]
     p, q, r = state[10], state[11], state[12]
     out[6] = -0.5 * (x * p + y * q + z * r)

@@ -33,7 +33,7 @@ class TowedFlight:
         return np.asarray(0.5 * np.sum(self.mass[:, None] * self.velocity**2, axis=(1, 2)))
 
     def columns(self) -> dict[str, tuple[Floats, str]]:
-        """Columns and units of the flight's file."""
+        """Columns, each (n,) or longer, and units of the flight's file."""
         return {
             "payload_position": (self.position, "m"), "payload_velocity": (self.velocity, "m/s"),
             "payload_energy_kinetic": (self.energy_kinetic, "J"), "tether_tension": (self.tension, "N"),
@@ -42,7 +42,7 @@ class TowedFlight:
 
 
 def towed(body: RigidBody, states: Floats, si: Floats) -> TowedFlight | None:
-    """The payload's part of states (n, ·) in normalised units, in SI in `si`; None where there is none."""
+    """The payload's part of states (n, m) in normalised units, `si` (n, m) in SI; None where there is none."""
     given, towing = body.payload, body.sail.towing
     b, k, n = given.mass.size, given.body.size, len(states)
     if b == 0:

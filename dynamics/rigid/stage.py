@@ -18,21 +18,21 @@ from typing import Any
 import numpy as np
 
 from beamrider.arrays import Floats
-from beamrider.io.files import Stopwatch, progress, versions
+from beamrider.io.arguments import stage_arguments
+from beamrider.io.files import Stopwatch, finish, progress, versions
 from beamrider.io.hdf5 import new_hdf5
 from beamrider.machine_code.notice import compiling
-from dynamics.light.beam import knots
+from dynamics.light import pointing, pulse
+from dynamics.light.gaussian_rules import ERROR
 from dynamics.rigid import integrator as kernel
 from dynamics.rigid.body import RigidBody, Units, rigid_body
 from dynamics.rigid.payload_flight import TowedFlight, towed
-from dynamics.rigid.quadrature import ERROR
 from dynamics.sail.attitude import angles_from_rotation, rotation_from_quaternion
 from dynamics.sail.forecast import require_rows, say_rigid
 from dynamics.sail.neglected import neglected, said
 from dynamics.sail.sectors import check_place, check_release, load_tables, provenance
 from dynamics.sail.table_error import TableErrors, rigid_errors
 from dynamics.scene import schema as scenes
-from dynamics.scene.command_line import finish, stage_arguments
 from optics.table.pressure_table import PressureTable
 
 REASONS = (
@@ -130,7 +130,7 @@ def fly(
         state = body.loaded(state[: kernel.STATE])
     terms = terms_of(scene, body.units)
     work = kernel.start(state, terms.rows.size)
-    steps, seconds = pace(body, terms, work)
+    steps, seconds = step_seconds(body, terms, work)
     say_rigid(scene, rows, steps, seconds)
     _integrate(body, terms, work, scene.name)
     times, states = _rows(terms, work)
@@ -147,7 +147,9 @@ def fly(
 def terms_of(scene: scenes.Scene, units: Units) -> kernel.Terms:
     """What governs the flight, in normalised units; rows at the scene's output rate, without the end."""
     duration = scene.rigid.duration_s / units.time
-    stops = {min(knot / units.time, duration) for knot in knots(scene.beam)} | {duration}
+    beam = scene.beam
+    knots = [*pulse.knots(beam), *pointing.knots(beam.pointing, beam.power_noise, scene.rigid.duration_s)]
+    stops = {min(knot / units.time, duration) for knot in knots} | {duration}
     spacing = 1.0 / (scene.rigid.output_Hz * units.time)
     rows = spacing * np.arange(max(1, math.ceil(duration / spacing * (1.0 - 1e-12))), dtype=float)
     return kernel.Terms(
@@ -156,7 +158,7 @@ def terms_of(scene: scenes.Scene, units: Units) -> kernel.Terms:
     )
 
 
-def pace(body: RigidBody, terms: kernel.Terms, work: kernel.Work) -> tuple[float, float]:
+def step_seconds(body: RigidBody, terms: kernel.Terms, work: kernel.Work) -> tuple[float, float]:
     """Steps and wall time in s that a flight would take which went on as it begins, with everything compiled."""
     copies: list[Any] = [array.copy() for array in work]
     trial = kernel.Work(*copies)._replace(states=work.states[:0])
@@ -214,7 +216,8 @@ def write(
 
     Returns what the tables' stated errors come to on its way, which the file says too.
     """
-    met = rigid_errors(scene, tables, flight.position, flight.rotation)
+    seen = pointing.seen(scene.beam.wander, flight.time, flight.position, flight.rotation)
+    met = rigid_errors(scene, tables, *seen)
     roll, pitch, yaw = flight.angles
     columns = {
         "time": (flight.time, "s"), "position": (flight.position, "m"), "velocity": (flight.velocity, "m/s"),

@@ -101,7 +101,7 @@ def tow(towing: Towing, sail: int, turn: Floats, state: Floats, out: Floats, pul
 
 @numba.njit(cache=True, error_model="numpy")
 def overload(towing: Towing, sail: int, turn: Floats, state: Floats) -> int:
-    """The first tether above its strength in a state, −1 if none is."""
+    """The first tether above its strength in a state (m,) with rotation turn (3, 3), −1 if none is."""
     arm, away, whole = np.empty(3), np.empty(3), sail + 6 * towing.mass.size
     for k in range(towing.body.size):
         if state[whole + k] != 0.0 and line(towing, sail, turn, state, k, arm, away) > towing.strength[k]:

@@ -12,6 +12,8 @@ import numpy as np
 
 from beamrider.arrays import Floats
 from beamrider.io.files import InputError
+from dynamics.light.pointing import extremes
+from dynamics.light.spots import Spots, finest, share
 from dynamics.sail.mesh import Mesh, sail_mesh
 from dynamics.scene.sail_schema import MOST_RINGS
 from dynamics.scene.schema import Scene
@@ -24,26 +26,26 @@ FINE, COARSE = 0.1, 2.0
 TRIED = 40
 
 
-def share_wrong(mesh: Mesh, radius: float, places: Floats) -> float:
+def share_wrong(mesh: Mesh, beam: Spots, places: Floats) -> float:
     """The largest share of the power on the mesh, seen along the beam, that is wrong for beams at `places`.
 
     It is what the whole mesh gets too much or too little, or what a wrong region gets, whichever is more. places (k, 2)
-    in m: of the axis of a beam of that 1/e² radius in m, in the plane of the mesh. The integral is over pieces of an
-    eighth of the beam's radius, which err by a sixty-fourth of what a triangle as wide as the beam does.
+    in m: of the axis of the beam, in the plane of the mesh. The integral is over pieces of an eighth of the length over
+    which the beam changes, which err by a sixty-fourth of what a triangle as wide as that does.
     """
-    side = float(mesh.lengths.max())
+    side, radius = float(mesh.lengths.max()), finest(beam)
     if side > COARSE * radius:
         return 1.0
     parts = max(2, math.ceil(8.0 * side / radius))
     shares = []
     for place in places:
-        right = _powers(mesh, radius, place, parts)
-        off = _powers(mesh, radius, place, 1) - right
-        shares.append(max(abs(off.sum()), 0.5 * np.abs(off).sum()) / right.sum())
+        right = _powers(mesh, beam, place, parts)
+        off = _powers(mesh, beam, place, 1) - right
+        shares.append(max(abs(off.sum()), 0.5 * np.abs(off).sum()) / max(right.sum(), 1e-30))
     return float(max(shares))
 
 
-def _powers(mesh: Mesh, radius: float, place: Floats, parts: int) -> Floats:
+def _powers(mesh: Mesh, beam: Spots, place: Floats, parts: int) -> Floats:
     """Light (regions,) on the regions in units of the peak intensity, from the middles of parts² pieces a triangle."""
     a, b, c = (mesh.nodes[mesh.triangles[:, i], :2] - place for i in range(3))
     one, other = b - a, c - a
@@ -51,7 +53,7 @@ def _powers(mesh: Mesh, radius: float, place: Floats, parts: int) -> Floats:
     total = np.zeros(len(area))
     for u, v in _middles(parts):
         x, y = (a + u * one + v * other).T
-        total += np.exp(-2.0 * (x * x + y * y) / radius**2)
+        total += share(beam, x, y)
     return np.asarray(np.bincount(mesh.sector, total * area))
 
 
@@ -66,6 +68,8 @@ def _middles(parts: int) -> list[tuple[float, float]]:
 def _places(scene: Scene) -> Floats:
     """Where the released sail may have the beam's axis: its middle, and two circles, the outer one of the offset."""
     away = math.hypot(*scene.release.offset_m)
+    if not scene.beam.pointing.steady:
+        away += math.hypot(*extremes(scene.beam.pointing, None)[:2])
     angles = np.radians(np.arange(0.0, 360.0, 45.0) + 7.0)  # on no line of the mesh
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     away = min(away, 0.9 * scene.sail.radius_m)  # beyond, the mesh has no light to get wrong
@@ -74,16 +78,19 @@ def _places(scene: Scene) -> Floats:
 
 def check_light(scene: Scene, mesh: Mesh) -> None:
     """InputError, which names the rings that it takes, where the mesh would not catch the light that falls on it."""
-    beam, side = scene.beam.radius_m, float(mesh.lengths.max())
-    if scene.beam.intensity_W_m2 == 0.0 or side < FINE * beam:
+    beam, side = scene.beam.spots, float(mesh.lengths.max())
+    if scene.beam.intensity_W_m2 == 0.0 or side < FINE * finest(beam):
         return
     wrong = share_wrong(mesh, beam, _places(scene))
     if wrong > MOST:
         needed = _rings(scene, wrong)
         cure = f"must be at least {needed}, or widen" if needed <= MOST_RINGS else "no mesh is fine enough: widen"
+        what, key = (f"beam of {scene.beam.radius_m:g} m", "radius_m") if scene.beam.gaussian else (
+            f"beam that changes within {finest(beam):.3g} m", "profile"
+        )
         raise InputError(
             f"{scene.name}.yaml: sail.rings = {scene.sail.rings}: triangles of {side:.3g} m would get "
-            f"{100.0 * wrong:.3g} % of the light of a beam of {beam:g} m wrong: {cure} beam.radius_m"
+            f"{100.0 * wrong:.3g} % of the light of a {what} wrong: {cure} beam.{key}"
         )
 
 
@@ -92,10 +99,10 @@ def _rings(scene: Scene, wrong: float) -> int:
 
     The share falls as the square of the triangles' sides where they are narrower than the beam.
     """
-    rings, beam, places = scene.sail.rings, scene.beam.radius_m, _places(scene)
+    rings, beam, places = scene.sail.rings, scene.beam.spots, _places(scene)
     while wrong > MOST and rings <= MOST_RINGS:
         rings = math.ceil(rings * (2.0 if wrong == 1.0 else max(1.05, 1.02 * math.sqrt(wrong / MOST))))
         tried = min(rings, TRIED)
         mesh = sail_mesh(scene.sail.model_copy(update={"rings": tried}))
-        wrong = share_wrong(mesh, beam * rings / tried, places * rings / tried)
+        wrong = share_wrong(mesh, [spot.wider(rings / tried) for spot in beam], places * rings / tried)
     return rings

@@ -1,7 +1,7 @@
 """What a rigid flight, a basin or a screening will take: memory from its scene before it starts, time from its start.
 
 `dynamics.membrane.forecast` is about flexible flight. Bytes are what flights were measured to take at most, while they
-are built (`tests/unit/test_forecast`).
+are built (`tests/dynamics/test_forecast`).
 """
 
 from __future__ import annotations

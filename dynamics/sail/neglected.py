@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from beamrider.arrays import Floats
 from dynamics.light.intensity import LIGHT_SPEED
+from dynamics.light.spots import finest
 from dynamics.sail.sectors import wavelength
 from dynamics.scene.schema import Scene
 from optics.table.pressure_table import PressureTable
@@ -18,9 +19,12 @@ FAST = 1e-3
 
 
 def rayleigh_range(scene: Scene, tables: dict[str, PressureTable]) -> float:
-    """Distance π w²/λ in m at which the beam is √2 times as wide (Saleh & Teich, §3.1); inf without a wavelength."""
+    """Distance π w²/λ in m at which the beam is √2 times as wide (Saleh & Teich, §3.1); inf without a wavelength.
+
+    w: the length over which the beam changes, of a Gaussian one its radius.
+    """
     known = [wavelength(table) for table in tables.values() if wavelength(table) is not None]
-    return math.pi * scene.beam.radius_m**2 / float(known[0]) if known else math.inf
+    return math.pi * finest(scene.beam.spots) ** 2 / float(known[0]) if known else math.inf
 
 
 def neglected(

@@ -12,7 +12,7 @@ r = n × g (along them), so that g × r = n:
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -44,7 +44,7 @@ class SectorShape:
 
     @property
     def r(self) -> Floats:
-        """Direction along the ridges, n × g, in body x, y."""
+        """Direction (2,) along the ridges, n × g, in body x, y."""
         return np.array([-self.g[1], self.g[0]])
 
     @property
@@ -54,13 +54,13 @@ class SectorShape:
 
     @property
     def first_moment(self) -> Floats:
-        """(∫X dA, ∫Y dA) in m³."""
+        """(∫X dA, ∫Y dA), (2,), in m³."""
         a, b = self.start, self.stop
         return self.radius**3 / 3.0 * np.array([np.sin(b) - np.sin(a), np.cos(a) - np.cos(b)])
 
     @property
     def second_moment(self) -> Floats:
-        """[[∫X² dA, ∫XY dA], [∫XY dA, ∫Y² dA]] in m⁴."""
+        """[[∫X² dA, ∫XY dA], [∫XY dA, ∫Y² dA]], (2, 2), in m⁴."""
         a, b = self.start, self.stop
         span, double = b - a, 0.5 * (np.sin(2 * b) - np.sin(2 * a))
         mixed = np.sin(b) ** 2 - np.sin(a) ** 2
@@ -128,15 +128,16 @@ def sail_shape(sail: scenes.Sail) -> SailShape:
     return SailShape(sail.radius_m, tuple(shapes))
 
 
-def load_tables(paths: Iterable[str | Path], scene: scenes.Scene) -> dict[str, PressureTable]:
-    """The pressure table of each design of the scene, in the scene's order of designs.
+def load_tables(given: Iterable[str | Path | PressureTable], scene: scenes.Scene) -> dict[str, PressureTable]:
+    """The pressure table of each design of the scene, in the scene's order of designs, from files or as they are.
 
     A file belongs to the design its attribute `name` says. InputError when a file can't be read, belongs to no design
     of the scene, comes twice, was made for another wavelength than the others, or when a design has none.
     """
-    found: dict[str, tuple[Path, PressureTable]] = {}
-    for path in map(Path, paths):
-        table = PressureTable.read(path)
+    found: dict[str, tuple[str, PressureTable]] = {}
+    for one in given:
+        table = one if isinstance(one, PressureTable) else PressureTable.read(one)
+        path = "a table" if isinstance(one, PressureTable) else str(one)
         if table.name not in scene.sail.designs:
             allowed = ", ".join(scene.sail.designs) or "none: no sector has a design"
             raise InputError(
@@ -150,9 +151,9 @@ def load_tables(paths: Iterable[str | Path], scene: scenes.Scene) -> dict[str, P
     missing = [design for design in scene.sail.designs if design not in found]
     if missing:
         these = ", ".join(f"'{design}'" for design in missing)
-        given = ", ".join(f"'{name}' ({path})" for name, (path, _) in found.items()) or "none"
+        those = ", ".join(f"'{name}' ({path})" for name, (path, _) in found.items()) or "none"
         raise InputError(
-            f"{scene.name}.yaml: sail.sectors: no pressure table of design {these} (given: {given}); add its file to "
+            f"{scene.name}.yaml: sail.sectors: no pressure table of design {these} (given: {those}); add its file to "
             "--tables"
         )
     _one_wavelength(found)
@@ -164,20 +165,25 @@ def check_release(scene: scenes.Scene, tables: dict[str, PressureTable]) -> None
     if scene.outside_table == "clamp":
         return
     release = scene.release
-    turn = rotation_from_angles(np.radians(release.roll_deg), np.radians(release.pitch_deg), 0.0)
-    for sector in scene.sail.sectors:
-        if sector.design is None or isinstance(sector.g, str) or scene.sail.profile != "flat":
-            continue
-        along = np.array([-sector.g[1], sector.g[0]])
-        u, v = float(turn[2, :2] @ sector.g), float(turn[2, :2] @ along)
+    for design, u, v in release_directions(scene):
         try:
-            tables[sector.design].q(u, v)
+            tables[design].q(u, v)
         except OutsideTable:
             raise InputError(
                 f"{scene.name}.yaml: release.pitch_deg = {release.pitch_deg:g}, roll_deg = {release.roll_deg:g}: light "
-                f"from u = {u:.4g}, v = {v:.4g} is outside table '{sector.design}' "
-                f"(allowed {tables[sector.design].limits}); tilt less, make a wider table or set outside_table: clamp"
+                f"from u = {u:.4g}, v = {v:.4g} is outside table '{design}' (allowed {tables[design].limits}); tilt "
+                "less, make a wider table or set outside_table: clamp"
             ) from None
+
+
+def release_directions(scene: scenes.Scene) -> Iterator[tuple[str, float, float]]:
+    """Design and direction cosines u, v of the light, at release, of each sector of a flat sail that has a design."""
+    release = scene.release
+    turn = rotation_from_angles(np.radians(release.roll_deg), np.radians(release.pitch_deg), 0.0)
+    for sector in scene.sail.sectors if scene.sail.profile == "flat" else ():
+        if sector.design is not None and sector.fixed is not None:
+            along = np.array([-sector.fixed[1], sector.fixed[0]])
+            yield sector.design, float(turn[2, :2] @ sector.fixed), float(turn[2, :2] @ along)
 
 
 def check_place(scene: scenes.Scene, place: Floats) -> None:
@@ -191,7 +197,7 @@ def check_place(scene: scenes.Scene, place: Floats) -> None:
         )
 
 
-def _one_wavelength(found: dict[str, tuple[Path, PressureTable]]) -> None:
+def _one_wavelength(found: dict[str, tuple[str, PressureTable]]) -> None:
     """Refuse tables of different wavelengths: one beam lights the whole sail."""
     known = [(path, wavelength(table)) for path, table in found.values() if wavelength(table) is not None]
     for path, value in known[1:]:

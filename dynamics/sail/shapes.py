@@ -27,7 +27,7 @@ SIDES = {"round": (6, 1), "hexagonal": (6, 1), "square": (4, 2)}
 
 
 def seed_radii(sail: Sail) -> Floats:
-    """Radii (N + 1,) in m of the rings, from 0: of the circle, the corners of the hexagon, the half-width."""
+    """Radii (n + 1,) in m of the rings, from 0: of the circle, the corners of the hexagon, the half-width."""
     n, radius, depth = np.arange(sail.rings + 1), sail.radius_m, abs(sail.depth or 0.0)
     even = n * radius / sail.rings
     if sail.profile == "flat" or depth == 0:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamrider.arrays import Floats
+from dynamics.light import spots
 from dynamics.sail.masses import designed
 from dynamics.sail.mesh import Mesh
 from dynamics.sail.regions import directions
@@ -137,7 +138,7 @@ def _sector_seen(scene: Scene, sector: SectorShape, position: Floats, turn: Floa
     angle = sector.start + (sector.stop - sector.start) * (np.arange(_ANGLES) + 0.5) / _ANGLES
     points = np.stack([np.outer(radius, f(angle)).ravel() for f in (np.cos, np.sin)], axis=-1)
     lateral = position[:, None, :2] + np.einsum("nij,pj->npi", turn[:, :2, :2], points)
-    light = np.exp(-2.0 * (lateral**2).sum(axis=-1) / scene.beam.radius_m**2).mean(axis=1)
+    light = spots.share(scene.beam.spots, lateral[..., 0], lateral[..., 1]).mean(axis=1)
     u, v = (k[:, :2] @ axis for axis in (sector.g, sector.r))
     power = (light * sector.area * turn[:, 2, 2])[:, None]
     return Seen(sector.design, sector.reflectance, u[:, None], v[:, None], k[:, 2, None], power)
@@ -172,5 +173,5 @@ def _triangles_seen(scene: Scene, mesh: Mesh, nodes: Floats) -> Floats:
         u = first[:, 2] * mesh.cos_across + aside * mesh.sin_across
         v = aside * mesh.cos_across - first[:, 2] * mesh.sin_across
     lateral = (a + b + c)[:, :2] / 3.0
-    light = np.exp(-2.0 * (lateral**2).sum(axis=1) / scene.beam.radius_m**2)
+    light = spots.share(scene.beam.spots, lateral[:, 0], lateral[:, 1])
     return np.stack([u, v, normal[:, 2], light * 0.5 * double * np.abs(normal[:, 2])])

@@ -8,38 +8,55 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from beamrider.io.files import NonNegative, Pair, Positive, Strict
+from beamrider.io.files import DIMENSIONLESS, NonNegative, Pair, Positive, Strict
 
 Changing = Literal[
     "conductivity_W_mK", "heat_capacity_J_kgK", "expansion_1_K", "emissivity_front", "emissivity_back", "absorptance"
 ]
 Table = Annotated[list[Pair], Field(min_length=1)]
+Fraction = Annotated[float, Field(ge=0, le=1, json_schema_extra=DIMENSIONLESS)]
 
 
 class Material(Strict):
-    """What a region is made of. SI; emissivities and absorptance are dimensionless.
-
-    thickness_m: of the plain film of equal mass; not needed, and checked, where the region has a design, whose
-    cross-section is known (`dynamics.sail.masses`). absorptance: of a region without a design, at any angle.
-    with_temperature: tables [[K, value], …] of properties that change, linear in between and constant beyond, which at
-    300 K give the plain value; of the expansion the differential coefficient. Flexible flight follows them, rigid
-    flight takes the plain values. damping_s: retardation time τ, stress = stiffness · (strain + τ · rate of strain).
-    """
+    """What a region is made of."""
 
     thickness_m: Annotated[float, Field(ge=1e-12, le=1e3)] | None = None
+    """Thickness of the plain film of equal mass.
+
+    Not needed, and checked, where the region has a design, whose cross-section is known (`dynamics.sail.masses`).
+    """
     density_kg_m3: Annotated[float, Field(ge=1e-6, le=1e9)]
+    """Density."""
     young_Pa: Annotated[float, Field(ge=1e-6, le=1e18)]
-    poisson: Annotated[float, Field(gt=-1, lt=0.5)]
+    """Young's modulus."""
+    poisson: Annotated[float, Field(gt=-1, lt=0.5, json_schema_extra=DIMENSIONLESS)]
+    """Poisson's ratio."""
     strength_Pa: Positive
+    """Tensile strength: the principal stress at which the material tears."""
     conductivity_W_mK: NonNegative
+    """Thermal conductivity."""
     heat_capacity_J_kgK: Annotated[float, Field(ge=1e-6, le=1e12)]
+    """Specific heat capacity."""
     expansion_1_K: Annotated[float, Field(ge=-1, le=1)]
-    emissivity_front: Annotated[float, Field(ge=0, le=1)]
-    emissivity_back: Annotated[float, Field(ge=0, le=1)]
-    absorptance: Annotated[float, Field(ge=0, le=1)]
+    """Linear coefficient of thermal expansion."""
+    emissivity_front: Fraction
+    """Hemispherical emissivity of the face that the light reaches."""
+    emissivity_back: Fraction
+    """Hemispherical emissivity of the other face."""
+    absorptance: Fraction
+    """Absorptance of a region without a design, at any angle."""
     failure_temperature_K: Annotated[float, Field(ge=1e-3, le=1e30)]
+    """Temperature at which the material fails."""
     damping_s: Annotated[float, Field(ge=0, le=1e3)] = 0.0
-    with_temperature: dict[Changing, Table] = {}
+    """Retardation time τ: stress = stiffness · (strain + τ · rate of strain)."""
+    with_temperature: Annotated[
+        dict[Changing, Table], Field(json_schema_extra={"unit": "K, that of the property"})
+    ] = {}
+    """Tables [[K, value], …] of properties that change with temperature, linear in between and constant beyond.
+
+    At 300 K they give the plain value; of the expansion they hold the differential coefficient. Flexible flight follows
+    them, rigid flight takes the plain values.
+    """
 
     @model_validator(mode="after")
     def _tables_fit(self) -> Material:

@@ -8,10 +8,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from beamrider.io.files import Name, Number, Pair, Strict
-from dynamics.scene.materials import MATERIALS, Material
+from beamrider.io.files import DIMENSIONLESS, Name, Number, Pair, Strict
+from dynamics.scene.materials import MATERIALS, Fraction, Material
 
-Fraction = Annotated[float, Field(ge=0, le=1)]
 MOST_RINGS = 1000
 SHALLOWEST = 1e-9  # least depth of a curved profile, whose focal length has a square
 Metres = Annotated[float, Field(ge=1e-9, le=1e9)]
@@ -23,19 +22,30 @@ class Region(Strict):
     """A part of the sail of one material, thickness and optical response.
 
     The optical response is either a pressure table of `design`, or constant `reflectance` and the material's
-    absorptance. thickness_m: of the plain film of equal mass, in place of the material's; a design has its own, which
-    it must not contradict. membrane_m: thickness that carries tension and heat in the sail's plane; null for that of
-    all that is continuous in the design, or for a plain film. `g` is the direction across the ridges (for a film it
-    only labels the axes): fixed in the body's x and y, or 'radial' (outward), 'tangential' (counter-clockwise seen from
-    +z) or the negatives of these, in each triangle projected into its plane.
+    absorptance.
     """
 
     material: str | Material
+    """Name of a material of the library (`dynamics/scene/materials.py`), or a material in full."""
     thickness_m: Thickness | None = None
+    """Thickness of the plain film of equal mass, in place of the material's; it must not contradict a design's own."""
     membrane_m: Thickness | None = None
+    """Thickness that carries tension and heat in the sail's plane.
+
+    Null for that of all that is continuous in the design, or for a plain film.
+    """
     design: Name | None = None
+    """Design whose pressure table the region responds with."""
     reflectance: Fraction | None = None
-    g: Pair | Literal["radial", "-radial", "tangential", "-tangential"] = [1.0, 0.0]
+    """Constant reflectance of a region without a design."""
+    g: Annotated[
+        Pair | Literal["radial", "-radial", "tangential", "-tangential"], Field(json_schema_extra=DIMENSIONLESS)
+    ] = [1.0, 0.0]
+    """Direction across the ridges (for a film it only labels the axes): a unit vector fixed in the body's x and y.
+
+    Or 'radial' (outward), 'tangential' (counter-clockwise seen from +z) or the negatives of these, in each triangle
+    projected into its plane.
+    """
 
     @model_validator(mode="after")
     def _consistent(self) -> Region:
@@ -82,6 +92,7 @@ class Sector(Region):
     """A region from its starting polar angle to the start of the next sector."""
 
     from_deg: Angle
+    """Polar angle at which it starts, from x towards y; those of a list ascend."""
 
 
 def _ascending(sectors: list[Sector]) -> None:
@@ -94,7 +105,9 @@ class Rim(Strict):
     """Sectors of their own from a distance from the axis on, instead of those within."""
 
     from_m: Metres
+    """Distance from the axis from which on they count."""
     sectors: Annotated[list[Sector], Field(min_length=1)]
+    """The sectors out there."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Rim:
@@ -103,14 +116,14 @@ class Rim(Strict):
 
 
 class Grid(Strict):
-    """Regions in cells between ascending cuts in x and y, laid over the sectors: a row for each interval of y.
-
-    A row has one entry more than there are cuts in x; null leaves a cell to the sectors.
-    """
+    """Regions in cells between ascending cuts in x and y, laid over the sectors."""
 
     x_m: list[Number] = []
+    """Cuts in x, ascending."""
     y_m: list[Number] = []
+    """Cuts in y, ascending."""
     regions: list[list[Region | None]]
+    """A row for each interval of y, with one entry more than there are cuts in x; null leaves a cell to the sectors."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Grid:
@@ -124,25 +137,33 @@ class Grid(Strict):
 
 
 class Sail(Strict):
-    """The shape of a sail, its mesh of `rings` rings turned by `rotation_deg` about z, and its regions.
-
-    radius_m: of the disc, centre to corner of the hexagon, half the width of the square; of curved sails that along
-    the slope, more or less, unless `rescale` stretches the shape until its rim has that radius. depth: setting α, for
-    curved profiles only, apex downstream; negative turns the sail round. surface: on polygons the nodes lie on the
-    surface of revolution ('smooth') or rings are plane ('faceted').
-    """
+    """The shape of a sail, its mesh, and its regions."""
 
     outline: Literal["round", "hexagonal", "square"] = "round"
+    """Outline seen along the beam."""
     profile: Literal["flat", "paraboloid", "cone", "sphere"] = "flat"
+    """Shape along the beam."""
     surface: Literal["smooth", "faceted"] = "smooth"
-    depth: Annotated[float, Field(ge=-100, le=100)] | None = None
+    """On polygons: the nodes lie on the surface of revolution ('smooth') or rings are plane ('faceted')."""
+    depth: Annotated[float, Field(ge=-100, le=100, json_schema_extra=DIMENSIONLESS)] | None = None
+    """Setting α of curved profiles, and for them only, apex downstream; negative turns the sail round."""
     rescale: bool = False
+    """Stretch a curved sail until its rim has the radius given."""
     radius_m: Metres
-    rings: Annotated[int, Field(ge=1, le=MOST_RINGS)]
+    """Radius of the disc, centre to corner of the hexagon, half the width of the square.
+
+    Of curved sails along the slope, more or less, unless `rescale` is true.
+    """
+    rings: Annotated[int, Field(ge=1, le=MOST_RINGS, json_schema_extra={"unit": "rings"})]
+    """Rings of triangles of the mesh."""
     rotation_deg: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
+    """Angle by which the mesh is turned about z."""
     sectors: Annotated[list[Sector], Field(min_length=1)]
+    """Sectors, each up to the start of the next; the last one up to the start of the first."""
     rim: Rim | None = None
+    """Other sectors towards the rim."""
     grid: Grid | None = None
+    """Regions in x and y, over the sectors."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Sail:

@@ -18,15 +18,15 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from beamrider.arrays import Complexes, Floats
-from beamrider.io.files import InputError, versions, write_json
+from beamrider.io.arguments import stage_arguments
+from beamrider.io.files import InputError, finish, versions, write_json
 from beamrider.machine_code.notice import compiling
 from dynamics.rigid.body import rigid_body
 from dynamics.sail.sectors import load_tables, provenance, require_own_polarisation
 from dynamics.sail.table_error import missed, said_missed
 from dynamics.scene import schema as scenes
-from dynamics.scene.command_line import finish, stage_arguments
 from dynamics.stability.derivatives import COLUMNS, ROWS, error_modes, imbalance, linearise
-from dynamics.stability.linear import RESOLUTION, LinearModel, growth, margin
+from dynamics.stability.linear import RESOLUTION, LinearModel, growth, margin, over_a_turn
 from dynamics.stability.towed import towed
 from optics.table.normal_incidence import table_response
 from optics.table.pressure_table import PressureTable
@@ -34,6 +34,7 @@ from optics.table.pressure_table import PressureTable
 SAMPLES = 128
 SLOWEST = 1000.0  # units of time in a turn: a sail moves through hundreds of oscillations, or grows beyond all numbers
 DEFECTIVE = 1e7  # condition of the eigenvectors beyond which two of them are one, within rounding
+MOST_SWING = 1e-3  # of the spin within a turn, which is taken as constant
 BETTER = (0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4)  # shares of the tables' errors with which a verdict is tried
 
 
@@ -41,11 +42,11 @@ BETTER = (0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4)  # shares of the tables' errors with
 class Stability:
     """Outcome of the analysis.
 
-    monodromy, corotating (8,), longer with a payload: multipliers by the two routes; corotating is None with yaw-blind
-    incidence, whose system is periodic in any axes. max_modulus: the largest modulus, and modulus_range its lowest and
-    highest value within the errors of the tables; without spin over one time unit t₀. margin, margin_range in 1/s,
-    alike, of a damped sail the rate of decay. condition: of the eigenvectors; a defective sail's motion grows as t even
-    with every modulus 1.
+    monodromy, corotating (8,), longer with a payload: multipliers by the two routes; corotating is None where the
+    system is periodic in any axes: with yaw-blind incidence, or a sail that turns in a beam that is not round.
+    max_modulus: the largest modulus, and modulus_range its lowest and highest value within the errors of the tables;
+    without spin over one time unit t₀. margin, margin_range in 1/s, alike, of a damped sail the rate of decay.
+    condition: of the eigenvectors; a defective sail's motion grows as t even with every modulus 1.
     """
 
     model: LinearModel
@@ -113,7 +114,7 @@ class Doubt:
 
 
 def doubt(stability: Stability, modes: list[tuple[Floats, float]]) -> Doubt | None:
-    """Why the verdict on a model with those errors is undecided; None where it is not."""
+    """Why the verdict on a model with those errors (n, n) is undecided; None where it is not."""
     if stability.verdict != "undecided":
         return None
     for share in BETTER:
@@ -143,11 +144,17 @@ def analyse(scene: scenes.Scene, tables: dict[str, PressureTable]) -> Stability:
         raise InputError(f"{scene.name}.yaml: beam.intensity_W_m2 = 0: must be above 0 for a stability analysis")
     require_own_polarisation(scene, "a stability analysis")
     body = rigid_body(scene, tables, lookup="smooth", quadrature=None)
-    share = imbalance(scene, tables, body)
+    _require_steady(scene)
+    share, swing = imbalance(scene, tables, body)
     if share > 1e-6:
         raise InputError(
             f"{scene.name}.yaml: sail.sectors: force or torque on the centred, level sail is {share:.2g} of the "
-            "thrust; it must vanish for a stability analysis (give the sail a two-fold symmetry)"
+            "thrust; it must vanish for a stability analysis (give sail and beam a two-fold symmetry)"
+        )
+    if swing > MOST_SWING:
+        raise InputError(
+            f"{scene.name}.yaml: beam: as the sail turns in it, its spin would swing by {swing:.2g} of itself: must be "
+            f"below {MOST_SWING:g} for a stability analysis; spin faster or take a rounder beam"
         )
     jacobian, thrust = linearise(scene, tables, body)
     if scene.release.spin_Hz and abs(scene.release.spin_Hz) * body.units.time * SLOWEST < 1.0:
@@ -157,14 +164,26 @@ def analyse(scene: scenes.Scene, tables: dict[str, PressureTable]) -> Stability:
         )
     spin = 2.0 * np.pi * scene.release.spin_Hz * body.units.time
     yaw_blind = scene.incidence == "yaw_blind" and spin != 0.0
-    model = LinearModel(jacobian, np.array(thrust), body.sail.inertia[:2, :2], spin, yaw_blind)
+    turning = jacobian.ndim > 2
+    if yaw_blind and turning:
+        raise InputError(f"{scene.name}.yaml: beam: must be round for a stability analysis with incidence: yaw_blind")
+    mean, waves = over_a_turn(jacobian) if turning else (jacobian, np.zeros((0, 4, 4), complex))
+    model = LinearModel(mean, np.array(thrust), body.sail.inertia[:2, :2], spin, yaw_blind, waves)
     if scene.carried:
+        if turning:
+            raise InputError(f"{scene.name}.yaml: beam: must be round for a stability analysis with payload")
         model = towed(body, jacobian, thrust, spin, scene)
     return assess(model, error_modes(scene, tables, body), body.units.time)
 
 
+def _require_steady(scene: scenes.Scene) -> None:
+    """InputError where the beam goes somewhere: no place is an equilibrium then. Noise about a place is left out."""
+    if scene.beam.pointing.path is not None:
+        raise InputError(f"{scene.name}.yaml: beam.pointing.path: a beam that moves has no equilibrium to analyse")
+
+
 def assess(model: LinearModel, modes: list[tuple[Floats, float]], unit: float = 1.0) -> Stability:
-    """The outcome for a model that may be off by any mixture of `modes`; `unit` is the unit of time in s."""
+    """The outcome for a model that may be off by any mixture of `modes` (n, n); `unit` is the unit of time in s."""
     monodromy = model.monodromy()
     rate = float(model.period) * unit
     exponents = model.exponents()
@@ -176,20 +195,20 @@ def assess(model: LinearModel, modes: list[tuple[Floats, float]], unit: float = 
         moduli = np.append(moduli, np.exp(growth(exponents)))
         rooms = np.append(rooms, _room(varied, exponents) / rate)
     return Stability(
-        model, eigenvalues(monodromy), None if model.yaw_blind else eigenvalues(model.turn_matrix()), largest,
+        model, eigenvalues(monodromy), None if model.periodic else eigenvalues(model.turn_matrix()), largest,
         (float(moduli.min()), float(moduli.max())), room, (float(rooms.min()), float(rooms.max())), _condition(model),
     )
 
 
 def _room(model: LinearModel, exponents: list[Complexes]) -> Floats:
     """Margins (...,) a turn: of a damped sail the rate at which the slowest motion dies away."""
-    return -growth(exponents) if model.damped else margin(exponents, model.yaw_blind)
+    return -growth(exponents) if model.damped else margin(exponents, model.periodic)
 
 
 def _condition(model: LinearModel) -> float:
     """Condition of the eigenvectors, each of length 1, of the matrix whose eigenvalues decide."""
-    matrix = model.monodromy() if model.yaw_blind else model.corotating()
-    scale = np.ones(8) if model.yaw_blind else np.tile(np.repeat([1.0, _rate(matrix)], 2), model.size // 4)
+    matrix = model.monodromy() if model.periodic else model.corotating()
+    scale = np.ones(8) if model.periodic else np.tile(np.repeat([1.0, _rate(matrix)], 2), model.size // 4)
     return float(np.linalg.cond(np.linalg.eig(matrix * (scale / scale[:, None]))[1]))
 
 
@@ -202,8 +221,12 @@ def _within_errors(model: LinearModel, modes: list[tuple[Floats, float]]) -> Lin
     """Models with random mixtures of the errors, each within its size; in every other one each at its full size."""
     share = np.random.default_rng(0).uniform(-1.0, 1.0, (SAMPLES, len(modes)))
     share[::2] = np.sign(share[::2])
-    jacobian = model.jacobian + np.einsum("sm,mij->sij", share, np.array([mode[0] for mode in modes]))
-    return replace(model, jacobian=jacobian, thrust=model.thrust + share @ np.array([mode[1] for mode in modes]))
+    moved, waves = np.tensordot(share, np.array([mode[0] for mode in modes]), 1), model.waves
+    if moved.ndim > 3:
+        moved, more = over_a_turn(moved)
+        waves = waves + more
+    thrust = model.thrust + share @ np.array([mode[1] for mode in modes])
+    return replace(model, jacobian=model.jacobian + moved, thrust=thrust, waves=waves)
 
 
 def table_errors(tables: dict[str, PressureTable]) -> dict[str, Any]:
@@ -225,7 +248,7 @@ def report(scene: scenes.Scene, tables: dict[str, PressureTable], stability: Sta
     rows = np.array([units.force] * 2 + [units.torque] * 2)
     jacobian = stability.model.jacobian * rows[:, None] / np.array([units.length, units.length, 1.0, 1.0])
     exponents = eigenvalues(stability.model.corotating()) / units.time
-    why = doubt(stability, error_modes(scene, tables, rigid_body(scene, tables, lookup="smooth")))
+    why = doubt(stability, error_modes(scene, tables, rigid_body(scene, tables, quadrature=None)))
     routes = {"monodromy": stability.monodromy, "corotating": stability.corotating}
     return {
         "scene": scene.name, "incidence": scene.incidence, "spin_Hz": scene.release.spin_Hz,
@@ -234,6 +257,7 @@ def report(scene: scenes.Scene, tables: dict[str, PressureTable], stability: Sta
         "exponents_1_s": None if spins else pairs(exponents),
         "tolerance": stability.tolerance, "verdict": stability.verdict,
         "undecided_because": why.text(tables) if why else "",
+        "left_out": "" if scene.beam.steady else "jitter and fluctuations of the beam, which is taken at its mean",
         "margin_1_s": stability.margin, "margin_range_1_s": list(stability.margin_range),
         "table_errors": table_errors(tables), "tables_missed": list(missed(tables)),
         "resolution": RESOLUTION, "spread_from_table_errors": stability.spread,

@@ -15,7 +15,7 @@ unit circle alike.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,8 @@ class LinearModel:
 
     jacobian (..., 4, 4): ∂(F_x, F_y, τ_x, τ_y)/∂(x, y, roll, pitch) at the centred, level sail at yaw 0, total force in
     lab and torque in body components. thrust (...,): F_z. inertia (2, 2): lateral part of the inertia tensor; the mass
-    is 1. With `yaw_blind` the optical response follows the lab tilt whatever the yaw.
+    is 1. With `yaw_blind` the optical response follows the lab tilt whatever the yaw. waves (..., n, 4, 4): of a beam
+    that is not round, so that the jacobian at yaw ψ is `jacobian` + 2 Re Σ waves_k exp(ikψ), k = 1 … n.
     """
 
     jacobian: Floats
@@ -42,6 +43,12 @@ class LinearModel:
     inertia: Floats
     spin: float | Floats
     yaw_blind: bool
+    waves: Complexes = field(default_factory=lambda: np.zeros((0, 4, 4), complex))
+
+    @property
+    def periodic(self) -> bool:
+        """Is it periodic in any axes, so that it has no constant generator."""
+        return self.yaw_blind or self.waves.shape[-3] > 0
 
     @property
     def size(self) -> int:
@@ -84,7 +91,11 @@ class LinearModel:
         """
         cosine, sine = np.cos(self.spin * t), np.sin(self.spin * t)
         turn = np.array([[cosine, -sine], [sine, cosine]])
-        force, torque = turn @ self.jacobian[..., :2, :], np.linalg.solve(self.inertia, self.jacobian[..., 2:, :])
+        jacobian = self.jacobian
+        if self.waves.shape[-3] > 0:
+            phases = 2.0 * np.exp(1j * self.spin * t * np.arange(1, self.waves.shape[-3] + 1))
+            jacobian = jacobian + np.einsum("k,...kij->...ij", phases, self.waves).real
+        force, torque = turn @ jacobian[..., :2, :], np.linalg.solve(self.inertia, jacobian[..., 2:, :])
         out = np.zeros((*self.jacobian.shape[:-2], 8, 8))
         out[..., 0:2, 2:4], out[..., 4:6, 6:8] = np.eye(2), turn
         out[..., 2:4, 0:2], out[..., 6:8, 0:2] = force[..., :2] @ turn.T, torque[..., :2] @ turn.T
@@ -118,9 +129,9 @@ class LinearModel:
     def exponents(self) -> list[Complexes]:
         """Exponents of a turn (..., n), the logarithms of the multipliers, apart for motions that don't interact.
 
-        From the co-rotating generator, where logarithms are known whole; with yaw-blind incidence from the lab.
+        From the co-rotating generator, where logarithms are known whole; from the lab where there is none.
         """
-        if self.yaw_blind:
+        if self.periodic:
             return [np.log(np.linalg.eigvals(self.monodromy(1e-11)).astype(complex))]
         generator = self.corotating() * np.asarray(self.period)[..., None, None]
         alone = not (np.any(self.spin) or np.any(self.jacobian[..., CROSSED[0], CROSSED[1]]))
@@ -128,14 +139,21 @@ class LinearModel:
         return [np.linalg.eigvals(generator[..., block[:, None], block]).astype(complex) for block in blocks]
 
 
+def over_a_turn(jacobian: Floats) -> tuple[Floats, Complexes]:
+    """Mean (..., 4, 4) and waves (..., n, 4, 4) of derivatives (..., m, 4, 4) at m yaws evenly over a turn."""
+    count = jacobian.shape[-3]
+    waves = np.fft.rfft(jacobian, axis=-3) / count
+    return waves[..., 0, :, :].real, waves[..., 1 : (count + 1) // 2, :, :]
+
+
 def growth(exponents: list[Complexes]) -> Floats:
     """Growth (...,) a turn of the fastest motion: logarithm of the largest modulus."""
     return np.asarray(np.max([part.real.max(axis=-1) for part in exponents], axis=0))
 
 
-def margin(exponents: list[Complexes], yaw_blind: bool = False) -> Floats:
+def margin(exponents: list[Complexes], periodic: bool = False) -> Floats:
     """Margins (...,) a turn; see the top of the module."""
-    return np.asarray(np.min([_margin(part, 2.0 * np.pi if yaw_blind else np.inf) for part in exponents], axis=0))
+    return np.asarray(np.min([_margin(part, 2.0 * np.pi if periodic else np.inf) for part in exponents], axis=0))
 
 
 # A sail with two mirror planes that doesn't spin: x with pitch and y with roll, which know nothing of each other.

@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from beamrider.arrays import Floats
-from beamrider.io.files import InputError, versions
+from beamrider.io.arguments import stage_arguments
+from beamrider.io.files import InputError, finish, versions
 from beamrider.io.hdf5 import new_hdf5
 from beamrider.machine_code.notice import compiling
 from dynamics.rigid.body import RigidBody, rigid_body
@@ -25,7 +26,6 @@ from dynamics.sail.attitude import rotation_from_angles
 from dynamics.sail.sectors import load_tables, provenance
 from dynamics.sail.table_error import TableErrors, rigid_errors
 from dynamics.scene import schema as scenes
-from dynamics.scene.command_line import finish, stage_arguments
 from optics.table.pressure_table import PressureTable
 
 SHIFT = np.linspace(-0.4, 0.4, 81)
@@ -59,7 +59,7 @@ def normalised_load(body: RigidBody, x: float = 0.0, y: float = 0.0, roll: float
 def make_maps(
     scene: scenes.Scene, tables: dict[str, PressureTable], shift: Floats = SHIFT, tilt: Floats = TILT
 ) -> Maps:
-    """The maps of a scene's sail; InputError where there is no light to normalise by."""
+    """The maps of a scene's sail over shifts (n,), in D, and tilts (m,) in rad; InputError without light."""
     if scene.beam.intensity_W_m2 == 0.0:
         raise InputError(f"{scene.name}.yaml: beam.intensity_W_m2 = 0: must be above 0 for maps of force and torque")
     body = rigid_body(scene, tables)

@@ -11,14 +11,13 @@ Theory of Elasticity, §32).
 
 from __future__ import annotations
 
-import argparse
 import csv
 from dataclasses import dataclass
 
 import numpy as np
 
-from beamrider.io.files import Stopwatch, atomic, take_out
-from dynamics.scene.command_line import finish
+from beamrider.io.arguments import parser
+from beamrider.io.files import Stopwatch, atomic, finish, take_out
 
 AREAL_MASS = 1e-4
 PRESSURE = 67.0
@@ -97,9 +96,7 @@ def row(entry: Entry) -> tuple[str, ...]:
 def main() -> None:
     """Figures of merit of the paper's materials, computed and printed, as CSV."""
     watch = Stopwatch()
-    parser = argparse.ArgumentParser(prog="python -m dynamics.merit", description=main.__doc__)
-    parser.add_argument("--out", required=True, help="CSV to write")
-    given = parser.parse_args()
+    given = parser("dynamics.merit", main.__doc__, {"--out": {"required": True, "help": "CSV to write"}}).parse_args()
     take_out(given.out)
     with atomic(given.out) as temporary, open(temporary, "w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")

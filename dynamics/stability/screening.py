@@ -11,7 +11,6 @@ derivatives, and the rank among survivors.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,14 +18,16 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from beamrider.arrays import Floats
-from beamrider.io.files import InputError, Stopwatch, progress, take_out
+from beamrider.io.arguments import parser
+from beamrider.io.files import InputError, Stopwatch, finish, progress, take_out
 from beamrider.io.parquet import read_parquet, rows_of, write_parquet
 from beamrider.provenance.record import as_attribute
 from dynamics.light.intensity import LIGHT_SPEED
+from dynamics.light.moments import Moments, round_moments
+from dynamics.light.profile import Profile
 from dynamics.sail.forecast import require_members, say_members
 from dynamics.scene import schema as scenes
-from dynamics.scene.command_line import finish
-from dynamics.stability.derivatives import Moments, derivatives, moments
+from dynamics.stability.derivatives import derivatives
 from dynamics.stability.linear import RESOLUTION, LinearModel, growth, margin
 
 CHUNK = 2048
@@ -74,7 +75,18 @@ def sails(scene: scenes.Scene, members: pd.DataFrame, areal_mass: Floats) -> Sai
     force = np.full(len(members), scene.beam.intensity_W_m2 * 4.0 * radius**2 / LIGHT_SPEED)
     spin = 2.0 * np.pi * members["sail.spin_Hz"].to_numpy() * time
     g = np.array([sector.g for sector in scene.sail.sectors])
-    return Sails(g, group, moments(start, stop, 0.5, width), inertia, spin, time, mass, force)
+    light = round_moments(_profile(scene), start, stop, 0.5, width)
+    return Sails(g, group, light, inertia, spin, time, mass, force)
+
+
+def _profile(scene: scenes.Scene) -> Profile:
+    """The profile of the beam, whose radius is the members'; InputError where it is not one round spot that stays."""
+    spots = scene.beam.spots
+    if len(spots) > 1 or not spots[0].round:
+        raise InputError(f"{scene.name}.yaml: beam.profile: screening needs one round spot")
+    if scene.beam.pointing.path is not None:
+        raise InputError(f"{scene.name}.yaml: beam.pointing.path: a beam that moves has no equilibrium to analyse")
+    return spots[0].profile
 
 
 def _groups(scene: scenes.Scene) -> NDArray[np.int64]:
@@ -198,17 +210,20 @@ def read_columns(paths: list[str]) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
+OPTIONS = {
+    "--scene": {"required": True, "help": "YAML file of the base scene"},
+    "--members": {"required": True, "help": "Parquet file of the members"},
+    "--cells": {"required": True, "nargs": "+", "help": "responses of the cells, from optics.local"},
+    "--by": {"choices": MEASURES, "default": "margin_1_s", "help": "what survivors are ranked by"},
+    "--at-least": {"nargs": "*", "choices": MEASURES, "default": [], "help": "no worse than the base in these"},
+    "--out": {"required": True, "help": "Parquet file to write"},
+}
+
+
 def main() -> None:
     """Screen the members of a family."""
     watch = Stopwatch()
-    parser = argparse.ArgumentParser(prog="python -m dynamics.screening", description=main.__doc__)
-    parser.add_argument("--scene", required=True, help="YAML file of the base scene")
-    parser.add_argument("--members", required=True, help="Parquet file of the members")
-    parser.add_argument("--cells", required=True, nargs="+", help="responses of the cells, from optics.local")
-    parser.add_argument("--by", choices=MEASURES, default="margin_1_s", help="what survivors are ranked by")
-    parser.add_argument("--at-least", nargs="*", choices=MEASURES, default=[], help="no worse than the base in these")
-    parser.add_argument("--out", required=True, help="Parquet file to write")
-    given = parser.parse_args()
+    given = parser("dynamics.screening", main.__doc__, OPTIONS).parse_args()
     take_out(given.out)
     members, cells = read_columns([given.members]), read_columns(given.cells)
     screened = rank(screen(scenes.read_scene(given.scene), members, cells), given.by, given.at_least)

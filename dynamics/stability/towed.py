@@ -9,7 +9,7 @@ and velocity (2) of each mass. Normalised units of `dynamics.rigid.body`, the ma
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from beamrider.arrays import Complexes, Floats
 from beamrider.io.files import InputError
 from dynamics.rigid.body import RigidBody
-from dynamics.rigid.towing import Towing
+from dynamics.rigid.towing import NOTHING, Towing
 from dynamics.scene.schema import Scene
 from dynamics.stability.linear import QUARTER, LinearModel
 
@@ -129,8 +129,8 @@ class TowedModel(LinearModel):
     towing: its tethers; start (b,): depths of the masses at the start. Their tension follows each model's thrust.
     """
 
-    towing: Towing
-    start: Floats
+    towing: Towing = NOTHING
+    start: Floats = field(default_factory=lambda: np.zeros(0))
 
     @property
     def size(self) -> int:
@@ -143,7 +143,7 @@ class TowedModel(LinearModel):
         return bool((self.towing.retardation > 0.0).any())
 
     def corotating(self) -> Floats:
-        """Constant generator (..., 8 + 4b, 8 + 4b) in axes that turn with the sail."""
+        """Constant generator (..., m, m) in axes that turn with the sail, m = 8 + 4b."""
         alone, batch = super().corotating(), self.jacobian.shape[:-2]
         thrust, size = np.broadcast_to(self.thrust, batch), self.size
         out = np.zeros((*batch, size, size))
@@ -174,7 +174,7 @@ class TowedModel(LinearModel):
         return self.corotating()
 
     def lab(self, t: float) -> Floats:
-        """Generator (..., 8 + 4b, 8 + 4b) in lab axes at time t, angular velocity in them, too."""
+        """Generator (m, m) in lab axes at time t, m = 8 + 4b, angular velocity in them, too."""
         cosine, sine = np.cos(self.spin * t), np.sin(self.spin * t)
         turn = np.array([[cosine, -sine], [sine, cosine]])
         half = np.eye(self.size // 2)
@@ -182,12 +182,15 @@ class TowedModel(LinearModel):
         return np.asarray(whole @ self._generator @ whole.T + rate)
 
     def exponents(self) -> list[Complexes]:
-        """Exponents of a turn (..., 8 + 4b)."""
+        """Exponents of a turn (..., m), m = 8 + 4b."""
         return [np.linalg.eigvals(self.corotating() * np.asarray(self.period)[..., None, None]).astype(complex)]
 
 
 def towed(body: RigidBody, jacobian: Floats, thrust: Any, spin: float, scene: Scene) -> TowedModel:
-    """The model of a body with a payload; InputError where that is not on the axis, or has no equilibrium."""
+    """The model of a body with a payload, from derivatives (4, 4) of the light's load in its units.
+
+    InputError where the payload is not on the axis, or has no equilibrium.
+    """
     where = f"{scene.name}.yaml"
     if scene.incidence == "yaw_blind":
         raise InputError(f"{where}: incidence = 'yaw_blind': must be sail_frame for a stability analysis with payload")
@@ -200,4 +203,4 @@ def towed(body: RigidBody, jacobian: Floats, thrust: Any, spin: float, scene: Sc
         rig(towing, depths, float(thrust))
     except ValueError as error:
         raise InputError(f"{where}: payload: no equilibrium for a stability analysis: {error}") from None
-    return TowedModel(jacobian, np.array(thrust), body.sail.inertia[:2, :2], spin, False, towing, depths)
+    return TowedModel(jacobian, np.array(thrust), body.sail.inertia[:2, :2], spin, False, towing=towing, start=depths)

@@ -57,7 +57,7 @@ def _indices(cell: Cell) -> list[Cell]:
     """Every index of a cell that fills some of it."""
     if cell["kind"] == "metagrating":
         return [cell["index"]]
-    if cell["kind"] == "profile":
+    if "polygons" in cell:
         return [polygon["index"] for polygon in cell["polygons"]]
     filled = [layer for layer in cell["layers"] if layer["thickness_nm"] > 0]
     return [index for layer in filled for index in (layer["index"], *(r["index"] for r in layer.get("ridges", [])))]

@@ -135,7 +135,7 @@ def _levels(cell: Grating, slices: int) -> Floats:
 
 
 def corners(cell: Grating) -> Floats:
-    """Depths in nm of all corners, ascending from 0."""
+    """Depths (n,) in nm of all corners, ascending from 0."""
     return np.unique(np.concatenate([[0.0, depth_nm(cell)], *(vertices[:, 1] for vertices, _ in pieces_of(cell))]))
 
 

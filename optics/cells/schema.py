@@ -6,17 +6,17 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, model_validator
 
-from beamrider.io.files import InputError, Name, Pair, Strict, read_mapping, validate
+from beamrider.io.files import DIMENSIONLESS, InputError, Name, Pair, Strict, read_mapping, validate
 from beamrider.io.wording import brief
 from optics.cells.cross_section import cross_section
 
 ElectricAxis = Literal["g", "r"]
 
 # Wide enough for every cell, narrow enough for every number that follows to stay finite.
-Refraction = Annotated[float, Field(gt=0, le=1e6)]
-Extinction = Annotated[float, Field(ge=0, le=1e6)]
+Refraction = Annotated[float, Field(gt=0, le=1e6, json_schema_extra=DIMENSIONLESS)]
+Extinction = Annotated[float, Field(ge=0, le=1e6, json_schema_extra=DIMENSIONLESS)]
 Length = Annotated[float, Field(gt=0, le=1e12)]
 Thickness = Annotated[float, Field(ge=0, le=1e12)]
 Wavelength = Annotated[float, Field(ge=1e-3, le=1e12)]
@@ -28,12 +28,44 @@ class Index(Strict):
     """Complex refractive index n + ik (time factor exp(−iωt): k > 0 absorbs)."""
 
     n: Refraction
+    """Real part."""
     k: Extinction = 0.0
+    """Imaginary part, the extinction."""
 
     @property
     def permittivity(self) -> complex:
         """Relative permittivity (n + ik)²."""
         return complex(self.n, self.k) ** 2
+
+
+class DispersiveIndex(Strict):
+    """A refractive index that changes with the wavelength; files may give it wherever they give an index."""
+
+    table: Annotated[
+        list[Annotated[tuple[Wavelength, Refraction, Extinction], Field(strict=False)]],  # YAML knows lists alone
+        Field(min_length=2, json_schema_extra={"unit": "nm, 1, 1"}),
+    ]
+    """Rows [wavelength in nm, n, k] of ascending wavelengths, linear in between; the cell's own must lie within."""
+
+
+def _at_wavelength(given: Any, info: ValidationInfo) -> Any:
+    """An index as it is; of a table in a file (`read_cell`) n and k at the cell's wavelength, or ValueError."""
+    if info.context is None or not isinstance(given, dict) or set(given) != {"table"}:
+        return given
+    wavelength = info.context["wavelength_nm"]
+    try:
+        rows = np.array(DispersiveIndex.model_validate(given).table)
+    except ValidationError:
+        rows = np.empty((0, 3))
+    if len(rows) < 2 or np.any(np.diff(rows[:, 0]) <= 0):
+        raise ValueError("table: must be two or more rows [wavelength_nm, n, k] with ascending wavelengths")
+    if not isinstance(wavelength, int | float) or not rows[0, 0] <= wavelength <= rows[-1, 0]:
+        raise ValueError(f"table: wavelength_nm = {wavelength}: must be within {rows[0, 0]:g} … {rows[-1, 0]:g}")
+    n, k = (float(np.interp(wavelength, rows[:, 0], column)) for column in rows.T[1:])
+    return {"n": n, "k": k}
+
+
+FileIndex = Annotated[Index, BeforeValidator(_at_wavelength, json_schema_input_type=Index | DispersiveIndex)]
 
 
 class Surroundings(Strict):
@@ -43,17 +75,24 @@ class Surroundings(Strict):
     """
 
     front: Refraction = 1.0
+    """Index in front, where the light comes from."""
     back: Refraction = 1.0
+    """Real part of the index behind."""
     back_k: Extinction = 0.0
+    """Imaginary part of the index behind."""
 
 
 class _Periodic(Strict):
     """What gratings share."""
 
     name: Name
+    """Name of the design, that of the file without its ending."""
     wavelength_nm: Wavelength
+    """Wavelength of the light in vacuum."""
     electric_axis: ElectricAxis
+    """Direction of the electric field at normal incidence: along the ridges, 'r' (TE), or across them, 'g' (TM)."""
     period_nm: Length
+    """Period along g."""
 
     @property
     def pitch(self) -> float:
@@ -64,20 +103,28 @@ class _Periodic(Strict):
 class Metagrating(_Periodic):
     """Ridges of one height on a membrane, periodic along g and endless along r. Light falls on the ridges.
 
-    Lengths in nm. `ridges_nm` holds [start, width] along +g within one period. `electric_axis` is the direction of E at
-    normal incidence: 'r' (TE) or 'g' (TM). `corner_radius_nm` rounds the two outer corners of each ridge, those that
-    the light reaches first; the inner ones at its foot stay sharp. `membrane_coherent: false` averages the fringes of
-    the membrane, as for one that is uneven by wavelengths.
+    Ridges must not overlap and must end within the period.
     """
 
     kind: Literal["metagrating"]
+    """What the cell is."""
     ridges_nm: Annotated[list[Pair], Field(min_length=1)]
+    """[start, width] of each ridge along +g within one period."""
     ridge_height_nm: Length
+    """Height of the ridges above the membrane."""
     membrane_nm: Thickness
-    index: Index
+    """Thickness of the membrane below them."""
+    index: FileIndex
+    """Refractive index of ridges and membrane."""
     surroundings: Surroundings = Surroundings()
+    """What lies in front of the cell and behind it."""
     corner_radius_nm: Thickness = 0.0
+    """Radius of the two outer corners of each ridge, those that the light reaches first; those at its foot stay sharp.
+
+    At most the height of the ridges and half their width.
+    """
     membrane_coherent: bool = True
+    """False averages the fringes of the membrane, as for one that is uneven by wavelengths."""
 
     @model_validator(mode="after")
     def _ridges_fit(self) -> Metagrating:
@@ -131,25 +178,31 @@ def _check_averaged(where: str, thickness_nm: float, index: Index, wavelength_nm
 
 
 class Layer(Strict):
-    """One homogeneous layer of a film, listed from the light side.
-
-    `coherent: false` averages its fringes, as for a layer that is uneven, or light less coherent, by a wavelength.
-    """
+    """One homogeneous layer of a film, listed from the light side."""
 
     thickness_nm: Thickness
-    index: Index
+    """Thickness."""
+    index: FileIndex
+    """Refractive index."""
     coherent: bool = True
+    """False averages its fringes, as for a layer that is uneven, or light less coherent, by a wavelength."""
 
 
 class ThinFilm(Strict):
-    """A stack of homogeneous layers. 'mean' averages s and p (unpolarised light)."""
+    """A stack of homogeneous layers."""
 
     kind: Literal["thin_film"]
+    """What the cell is."""
     name: Name
+    """Name of the design, that of the file without its ending."""
     wavelength_nm: Wavelength
+    """Wavelength of the light in vacuum."""
     polarisation: Literal["s", "p", "mean"] = "mean"
+    """Polarisation of the light; 'mean' averages s and p (unpolarised light)."""
     layers: Annotated[list[Layer], Field(min_length=1)]
+    """Layers from the light side on."""
     surroundings: Surroundings = Surroundings()
+    """What lies in front of the film and behind it."""
 
     @model_validator(mode="after")
     def _averaged_are_thick(self) -> ThinFilm:
@@ -163,28 +216,35 @@ class Ridge(Strict):
     """A ridge within a lamellar layer: where it starts along +g, its width, and what it is made of."""
 
     start_nm: Thickness
+    """Where it starts along +g."""
     width_nm: Length
-    index: Index
+    """Its width."""
+    index: FileIndex
+    """Its refractive index."""
 
 
 class LamellarLayer(Strict):
-    """A layer whose index changes along g only: `index` with ridges in it that don't overlap.
-
-    `coherent: false` averages the fringes of a layer without ridges, as for one that is uneven by wavelengths.
-    """
+    """A layer whose index changes along g only: `index` with ridges in it that don't overlap."""
 
     thickness_nm: Thickness
-    index: Index
+    """Thickness."""
+    index: FileIndex
+    """Refractive index beside the ridges."""
     ridges: list[Ridge] = []
+    """Ridges, along +g."""
     coherent: bool = True
+    """False averages the fringes of a layer without ridges, as for one that is uneven by wavelengths."""
 
 
 class LamellarStack(_Periodic):
-    """Any stack of lamellar layers with a common period, listed from the light side; `electric_axis` as above."""
+    """Any stack of lamellar layers with a common period."""
 
     kind: Literal["lamellar"]
+    """What the cell is."""
     layers: Annotated[list[LamellarLayer], Field(min_length=1)]
+    """Layers from the light side on."""
     surroundings: Surroundings = Surroundings()
+    """What lies in front of the cell and behind it."""
 
     @model_validator(mode="after")
     def _ridges_fit(self) -> LamellarStack:
@@ -224,10 +284,12 @@ def as_stack(cell: Metagrating | LamellarStack) -> LamellarStack:
 
 
 class Polygon(Strict):
-    """A polygon of one material; vertices [g, n] in nm, either way round."""
+    """A polygon of one material."""
 
-    index: Index
+    index: FileIndex
+    """Refractive index within."""
     vertices_nm: Annotated[list[Pair], Field(min_length=3)]
+    """Vertices [g, n], either way round."""
 
 
 class Profile(_Periodic):
@@ -238,9 +300,13 @@ class Profile(_Periodic):
     """
 
     kind: Literal["profile"]
+    """What the cell is."""
     depth_nm: Length
+    """Depth along n, from the plane that the light reaches first to the last."""
     polygons: Annotated[list[Polygon], Field(min_length=1)]
+    """Pieces of the cross-section, later ones over earlier ones."""
     surroundings: Surroundings = Surroundings()
+    """What lies in front of the cell and behind it."""
 
     @model_validator(mode="after")
     def _polygons_fit(self) -> Profile:
@@ -289,33 +355,7 @@ def read_cell(path: str | Path, wavelength_nm: float | None = None) -> Cell:
         raise InputError(f"{path}: {given} one of {', '.join(KINDS)}")
     if wavelength_nm is not None:
         data["wavelength_nm"] = wavelength_nm
-    return validate(_resolved(data, data.get("wavelength_nm"), path, ""), KINDS[kind], path)
-
-
-def _resolved(data: Any, wavelength: Any, path: str | Path, where: str) -> Any:
-    """The data with every index table replaced by its n and k at the wavelength."""
-    if isinstance(data, list):
-        return [_resolved(item, wavelength, path, f"{where}[{i}]") for i, item in enumerate(data)]
-    if not isinstance(data, dict):
-        return data
-    if set(data) == {"table"} and where.rsplit(".", 1)[-1] == "index":
-        return _interpolated(data["table"], wavelength, f"{path}: {where}.table")
-    below = f"{where}." if where else ""
-    return {key: _resolved(item, wavelength, path, f"{below}{key}") for key, item in data.items()}
-
-
-def _interpolated(table: Any, wavelength: Any, where: str) -> dict[str, float]:
-    """N and k at a wavelength, from rows [wavelength, n, k]."""
-    try:
-        rows = np.asarray(table, float)
-    except (TypeError, ValueError):
-        rows = np.empty(0)
-    if rows.ndim != 2 or rows.shape[1] != 3 or len(rows) < 2 or np.any(np.diff(rows[:, 0]) <= 0):
-        raise InputError(f"{where}: must be two or more rows [wavelength_nm, n, k] with ascending wavelengths")
-    if not isinstance(wavelength, int | float) or not rows[0, 0] <= wavelength <= rows[-1, 0]:
-        raise InputError(f"{where}: wavelength_nm = {wavelength}: must be within {rows[0, 0]:g} … {rows[-1, 0]:g}")
-    n, k = (float(np.interp(wavelength, rows[:, 0], column)) for column in rows.T[1:])
-    return {"n": n, "k": k}
+    return validate(data, KINDS[kind], path, {"wavelength_nm": data.get("wavelength_nm")})
 
 
 def read_metagrating(path: str | Path) -> Metagrating:

@@ -100,7 +100,10 @@ def values(cell: Grating, u: float, v: float, result: Efficiencies) -> Floats:
     The absorptance of weak absorption comes from the field energy.
     """
     w = wave_vector(u, v, cell.surroundings.front)[2]
-    q, lost = pressure(u, v, w, *result.orders, result.reflected, result.transmitted)
+    u_m, w_front, w_back = result.orders
+    q, lost = pressure(
+        u, v, w, u_m=u_m, w_front=w_front, w_back=w_back, reflected=result.reflected, transmitted=result.transmitted
+    )
     absorptance = result.absorptance if weakly_absorbing(cell) else float(lost)
     return np.array([q[0], q[2], absorptance, *result.stress])
 

@@ -35,20 +35,20 @@ Kernel = Callable[[Floats], Floats]
 
 
 def spline(t: Floats) -> Floats:
-    """The quadratic B-spline: 0 beyond |t| = 3/2."""
+    """The quadratic B-spline at t (...): 0 beyond |t| = 3/2."""
     t = np.abs(t)
     return np.where(t < 0.5, 0.75 - t**2, np.clip(1.5 - t, 0, None) ** 2 / 2)
 
 
 def spline_integral(t: Floats) -> Floats:
-    """∫ of the quadratic B-spline from −∞ to t."""
+    """∫ of the quadratic B-spline from −∞ to t (...)."""
     size = np.clip(np.abs(t), 0, 1.5)
     half = np.where(size < 0.5, 0.75 * size - size**3 / 3, 0.5 - (1.5 - size) ** 3 / 6)
     return 0.5 + np.sign(t) * half
 
 
 def on_grid(epsilon: Complexes, phase: float, courant: float) -> Complexes:
-    """Permittivity with which waves keep their length on a grid; phase: that of light in vacuum over a pixel, ωh/c."""
+    """Permittivity (...) with which waves keep their length on a grid; phase: light's in vacuum over a pixel, ωh/c."""
     return epsilon * (1 - phase**2 / 12 * (0.75 * epsilon - courant**2))
 
 

@@ -104,9 +104,9 @@ def _block(mp: Any, low: float, high: float, pixel: float, material: Any) -> Any
 def dissipated(seen: Averages, fields: Sequence[Complexes | None], oblique: bool) -> float:
     """Σ E* Im ε E over the points of one period above the back line, in pixels, of E_X, E_Y, E_Z.
 
-    Each comes as Yee's grid holds it, with one column or row more than asked for on the sides where it is half a pixel
-    off; None is zero. A row on the line itself counts half. With `oblique`, Im ε_XY too: E_X and E_Y meet in the
-    corners of the pixels.
+    Each (n_y, n_x) comes as Yee's grid holds it, with one column or row more than asked for on the sides where it is
+    half a pixel off; None is zero. A row on the line itself counts half. With `oblique`, Im ε_XY too: E_X and E_Y meet
+    in the corners of the pixels.
     """
     loss = tensor(seen.mean.imag, seen.harmonic.imag, seen.n_x, seen.n_y)
     n = seen.mean.shape[0] // 2

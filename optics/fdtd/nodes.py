@@ -9,12 +9,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from threadpoolctl import threadpool_limits
 
+from beamrider.io.arguments import table_arguments
 from beamrider.io.files import write_json
 from optics.cells.outline import Grating, read_grating, upright
 from optics.modal.lamellar import solve
 from optics.modal.truncation import propagating
 from optics.refinement.directions import choose_nodes, fill
-from optics.table.command_line import check_range, table_arguments
+from optics.waves.incidence import check_range
 
 _SPACING = 0.002
 _ORDER = 12

@@ -145,7 +145,7 @@ def merge(
     cell: Grating, settings: FdtdSettings, u_nodes: Floats, v_nodes: Floats, between: float | None,
     parts: Sequence[Path],
 ) -> PressureTable:
-    """The pressure table, with its promise, from part files that together hold all of u_nodes × v_nodes.
+    """The pressure table, with its promise, from part files that together hold all of u_nodes (n,) × v_nodes (m,).
 
     Its error is that of the nodes (the largest of those around) plus the interpolation's: along u as the nodes show it,
     and no less than `between`, what was found when they were chosen; where that is not known, what the nodes in v show.

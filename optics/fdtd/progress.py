@@ -39,7 +39,7 @@ def check_memory(cell: Grating, settings: FdtdSettings) -> None:
 
 
 def spread(count: int) -> NDArray[np.int64]:
-    """An order of `count` things in which the first few already lie all over them: steps of the golden section."""
+    """An order (count,) of things in which the first few already lie all over them: steps of the golden section."""
     return np.argsort(np.arange(count) * _GOLDEN % 1, kind="stable")
 
 

@@ -235,7 +235,7 @@ class Run:
         )
 
     def until_decayed(self) -> tuple[Complexes, Decay]:
-        """Run until the amplitudes stand still or the longest time is over; they, and what they still lack."""
+        """Run until the amplitudes (...) stand still or the longest time is over; they, and what they still lack."""
         f, step = self.frequency, _STEP / self.frequency
         self.simulation.run(until=0)  # makes the monitors
         self._advance(8 / (self.pulse_width * f))  # the pulse: cutoff 4 on both sides

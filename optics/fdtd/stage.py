@@ -17,11 +17,13 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from beamrider.arrays import Floats
+from beamrider.io.arguments import part_of, table_arguments
 from beamrider.io.checksum import fault
 from beamrider.io.files import InputError, read_json, validate
 from optics.cells.outline import Grating, read_grating
@@ -32,8 +34,8 @@ from optics.fdtd.grid import TABLE, FdtdSettings
 from optics.fdtd.parts import Rows, block, merge, read_rows, write_rows
 from optics.fdtd.progress import Progress, check_memory, expected_directions, spread
 from optics.fdtd.run import import_meep
-from optics.table.command_line import add_table_arguments, check_range, checked
 from optics.table.promise import finish
+from optics.waves.incidence import check_range
 
 
 def solve_rows(
@@ -70,7 +72,7 @@ def lacking(cell: Grating, directions: Floats, settings: FdtdSettings, path: Pat
 
 
 def solve_part(cell: Grating, directions: Floats, settings: FdtdSettings, path: Path, what: str = "FDTD") -> Rows:
-    """Like `solve_rows`, with progress; `path` ends with the rows of `directions` alone, in their order."""
+    """Like `solve_rows`, with progress; `path` ends with the rows of `directions` (n, 2) alone, in order."""
     with Progress(cell, settings, lacking(cell, directions, settings, path), f"{what} {cell.name}") as progress:
         rows = solve_rows(cell, directions, settings, path, progress).selected(directions)
     write_rows(path, cell, settings, rows)
@@ -80,7 +82,7 @@ def solve_part(cell: Grating, directions: Floats, settings: FdtdSettings, path: 
 def solve_adaptively(
     cell: Grating, u_max: float, v_max: float, settings: FdtdSettings, path: Path
 ) -> tuple[Floats, Floats, float]:
-    """Nodes u, v chosen by what FDTD itself finds, the error between those in v; the rows of all of them in `path`."""
+    """Nodes u (n,), v (m,) chosen by what FDTD finds, the error between those in v; all their rows in `path`."""
     expected = lacking(cell, expected_directions(cell, u_max, v_max, (TABLE - 1) * settings.tolerance), settings, path)
     with Progress(cell, settings, expected, f"FDTD {cell.name}") as progress:
 
@@ -123,24 +125,11 @@ def _checked_nodes(path: str, cell: Grating) -> tuple[Floats, Floats, float | No
     return u, v, error
 
 
-def _part(text: str) -> tuple[int, int]:
-    """(i, n) from 'i/n', 1 ≤ i ≤ n."""
-    try:
-        i, n = (int(number) for number in text.split("/"))
-    except ValueError:
-        raise InputError(f"--part = {text}: must be like 3/8") from None
-    if not 1 <= i <= n:
-        raise InputError(f"--part = {text}: must be i/n with 1 ≤ i ≤ n")
-    return i, n
-
-
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m optics.fdtd", description="Pressure table by FDTD (Meep)")
-    add_table_arguments(parser, 1e-2, 0.18)
-    parser.add_argument("--nodes", help="JSON file of the directions, from python -m optics.nodes")
-    parser.add_argument("--part", help="solve the i-th of n blocks of the directions only, as in 3/8")
-    parser.add_argument("--merge", nargs="+", metavar="PART", help="make the table from these part files")
-    return checked(parser.parse_args())
+OPTIONS: dict[str, Any] = {
+    "--nodes": "JSON file of the directions, from python -m optics.nodes",
+    "--part": {"metavar": "I/N", "help": "solve the i-th of n blocks of the directions only, as in 3/8"},
+    "--merge": {"nargs": "+", "metavar": "PART", "help": "make the table from these part files"},
+}
 
 
 def _table(cell: Grating, settings: FdtdSettings, arguments: argparse.Namespace, out: Path) -> None:
@@ -162,7 +151,7 @@ def _table(cell: Grating, settings: FdtdSettings, arguments: argparse.Namespace,
 
 def main() -> None:
     """Command line: see the module docstring."""
-    arguments = _arguments()
+    arguments = table_arguments("optics.fdtd", "Pressure table by FDTD (Meep)", 1e-2, 0.18, options=OPTIONS)
     out = Path(arguments.out)
     cell = read_grating(arguments.cell, arguments.wavelength_nm)
     require_coherent(cell, "optics.fdtd")
@@ -180,7 +169,7 @@ def main() -> None:
         if not arguments.part:
             _table(cell, settings, arguments, out)
             return
-        i, n = _part(arguments.part)
+        i, n = part_of("--part", arguments.part)
         directions = block(*_checked_nodes(arguments.nodes, cell)[:2], i, n)
         set_aside(out)
         solve_part(cell, directions, settings, out, f"part {i}/{n} of FDTD")

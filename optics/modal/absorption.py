@@ -52,7 +52,7 @@ def _of_steps(cell: Slanted, u: float, v: float, order: int) -> Floats:
     matrix, seen, down = np.empty((4 * n, 4 * n), complex), [rho], []
     for i in reversed(range(of.thickness.size)):
         generator(of, i, u_m[0], v, matrix)
-        rho, through = step_up(matrix, rho)
+        rho, through = step_up(matrix, 12.0 * np.eye(4 * n) + matrix @ matrix, rho)
         seen.append(rho)
         down.append(through)
     e_in, h_in = (part[0] for part in incident_light(np.array([u]), vs, order, stack.front_index))

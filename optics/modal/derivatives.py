@@ -79,7 +79,9 @@ def derivatives(
         rho = dual.transpose(dual.solve(dual.transpose(top), dual.transpose(minus + plus @ inside)))
         f_plus.append(top)
         bounces.append(bounce)
-    q, absorptance = _pressure(stack, u_dual, v_dual, u_m, order, rho, waves, f_plus[::-1], bounces[::-1])
+    q, absorptance = _pressure(
+        stack, u_dual, v_dual, u_m=u_m, order=order, rho=rho, waves=waves, tops=f_plus[::-1], bounces=bounces[::-1]
+    )
     return Derivatives(q.value, float(absorptance.value), q.dot, absorptance.dot)
 
 
@@ -263,7 +265,7 @@ def _reflection(u_m: Dual, v: Dual, permittivity: complex) -> Dual:
 
 
 def _pressure(
-    stack: LamellarStack, u: Dual, v: Dual, u_m: Dual, order: int, rho: Dual, waves: list[tuple[Dual, Dual, Dual]],
+    stack: LamellarStack, u: Dual, v: Dual, *, u_m: Dual, order: int, rho: Dual, waves: list[tuple[Dual, Dual, Dual]],
     tops: list[Dual], bounces: list[Dual],
 ) -> tuple[Dual, Dual]:
     """Force and absorptance: q (3,) from ρ of all layers, and the way of f₊ through them."""

@@ -34,7 +34,8 @@ from beamrider.arrays import Complexes, Floats
 from optics.cells.schema import LamellarStack, as_stack
 from optics.modal import thick_amplitudes as thick
 from optics.modal.scattering import NEGLIGIBLE, LayerModes, joints, scatter
-from optics.modal.slanted import climb_steps, steps
+from optics.modal.slabs import climb_slabs, slabs
+from optics.modal.slanted import climb_steps, products, steps
 from optics.modal.steps import ModalCell, Slanted
 from optics.modal.stretch import Basis, Mesh, Stretch, basis, fourier_coefficients, mesh, stretch, toeplitz_matrix
 from optics.waves.incidence import electric_vector, order_cosines, polarisation_basis, stokes, wave_vector
@@ -316,7 +317,12 @@ def efficiencies(
     bottom: Complexes
     if stack.slanted:
         top, bottom = np.empty((v.size, 2, *source.shape[1:]), complex), np.empty_like(source)
-        climb_steps(steps(stack.slanted, order), u_m, v, front, blocks(rho, u_m, v), source, top, bottom)
+        joined = slabs(stack.slanted, order) if stack.slanted.holds(u, v) else None
+        around = front, blocks(rho, u_m, v), source, top, bottom
+        if joined:
+            climb_slabs(joined, u, v, *around)
+        else:
+            climb_steps(steps(stack.slanted, order), products(stack.slanted, order), u_m, v, *around)
     else:
         top, bottom = through_layers(stack, bases, starts, v, front, blocks(rho, u_m, v), source, negligible)
 
@@ -342,7 +348,8 @@ def _solve_block(
     w = wave_vector(u, v, stack.front_index)[:, 2, None]
     light = np.array([1.0, 0.0, 0.0, 0.0])
     q, absorptance = pressure(
-        u[:, None], v[:, None], w, u_m[:, None], w_front[:, None], w_back[:, None], reflected, transmitted, light
+        u[:, None], v[:, None], w, u_m=u_m[:, None], w_front=w_front[:, None], w_back=w_back[:, None],
+        reflected=reflected, transmitted=transmitted, light=light,
     )
     s = stokes(u, v, electric_vector(u, v, axis, stack.front_index), stack.front_index)
     nominal = [np.einsum("ds,ds...->d...", s, part) for part in (q, absorptance, reflected, transmitted)]

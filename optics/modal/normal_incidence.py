@@ -9,7 +9,6 @@ whether so many orders resolve it: false where fields have no limit (`optics.mod
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 from pathlib import Path
@@ -21,6 +20,7 @@ import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
 from beamrider.arrays import Floats
+from beamrider.io.arguments import parser, part_of
 from beamrider.io.files import InputError, progress, read_lines, reading, take_out, validate
 from beamrider.io.parquet import write_parquet
 from beamrider.provenance.record import as_attribute
@@ -125,29 +125,21 @@ def row(number: int, cell: Metagrating, order: int) -> dict[str, Any]:
     }
 
 
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m optics.local", description=main.__doc__)
-    parser.add_argument("--cells", required=True, help="metagratings, one JSON a line")
-    parser.add_argument("--block", default="1/1", help="K/N: take every N-th cell, from the K-th on")
-    parser.add_argument("--order", type=int, default=ORDER, help=f"highest diffraction order (default {ORDER})")
-    parser.add_argument("--out", required=True, help="Parquet file to write")
-    return parser.parse_args()
-
-
-def _block(text: str) -> tuple[int, int]:
-    block, _, blocks = text.partition("/")
-    if not (block.isdecimal() and blocks.isdecimal() and 1 <= int(block) <= int(blocks)):
-        raise InputError(f"--block = {text!r}: must be K/N with 1 ≤ K ≤ N, as in 1/8")
-    return int(block), int(blocks)
+OPTIONS = {
+    "--cells": {"required": True, "help": "metagratings, one JSON a line"},
+    "--block": {"default": "1/1", "metavar": "I/N", "help": "take every n-th cell, from the i-th on"},
+    "--order": {"type": int, "default": ORDER, "help": "highest diffraction order (default %(default)s)"},
+    "--out": {"required": True, "help": "Parquet file to write"},
+}
 
 
 def main() -> None:
     """Response of grating cells around normal incidence."""
-    given = _arguments()
+    given = parser("optics.local", main.__doc__, OPTIONS).parse_args()
     take_out(given.out)
     if given.order < 1:
         raise InputError(f"--order = {given.order}: must be at least 1")
-    cells = read_cells(given.cells, *_block(given.block))
+    cells = read_cells(given.cells, *part_of("--block", given.block))
     with threadpool_limits(1):
         rows = [row(number, cell, given.order) for number, cell in progress(cells, "cells", unit="cell")]
     stream = io.BytesIO()

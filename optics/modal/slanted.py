@@ -20,6 +20,19 @@ Z = Q_zz⁻¹, Z_x = Z Q_xz, X_z = Q_xz Z, P = Q_xx − Q_xz Z Q_xz, all of whic
 mixtures (1/2 ± 1/√3) of M at the two Gauss points of h are right to fourth order (the commutator-free Magnus method:
 Blanes & Moan 2006, Appl. Numer. Math. 56, 1519). The exponential is taken by its (2, 2) Padé approximant, which
 conserves energy where M does. The reflection ρ, f₋ = ρ f₊, is carried upwards step by step and stays bounded.
+
+The approximant holds M and M². With K = u + G and
+
+    S₁ = Z_x K Z_x − Z K P,    S₂ = Z_x K Z + Z K X_z,    S₃ = P K Z − X_z K X_z,    S₄ = P K Z_x + X_z K P,
+
+linear in u, what is left of the sixteen blocks of M² is
+
+    ⟦ε⟧ − K² − v² Z⟦ε⟧    −v (S₁ + K)           v² S₂                 v (Z_x − S₂ K)
+    v (K Z⟦ε⟧ − K)        P − v² + K S₁         v (X_z − K S₂)        K S₂ K − K Z_x − X_z K
+    0                     v ⟦ε⟧Z_x              ⟦ε⟧ − K² − v² ⟦ε⟧Z    v (⟦ε⟧Z K − K)
+    v X_z⟦ε⟧              −S₄                   v (S₃ − K)            P − v² − S₃ K
+
+whose products of two matrices are the same for every direction.
 """
 
 from __future__ import annotations
@@ -91,6 +104,30 @@ def steps(cell: Slanted, order: int) -> Steps:
     return Steps(np.array(thickness), *(np.stack(part) for part in zip(*parts, strict=True)))
 
 
+class Products(NamedTuple):
+    """What M² of steps is made of: Z⟦ε⟧, ⟦ε⟧Z, ⟦ε⟧Z_x, X_z⟦ε⟧ (4, n_s, n, n), S₁ … S₄ at u = 0, their ∂u."""
+
+    plain: Complexes
+    start: Complexes
+    slope: Complexes
+
+
+@lru_cache(maxsize=3)
+def products(cell: Slanted, order: int) -> Products:
+    """Of the steps of a profile."""
+    of, g = steps(cell, order), cell.pitch * np.arange(-order, order + 1)
+    z, z_x, x_z, p, epsilon = of.z, of.z_x, of.x_z, of.p, of.epsilon
+
+    def sandwiches(k: Floats) -> Complexes:
+        return np.stack([
+            (z_x * k) @ z_x - (z * k) @ p, (z_x * k) @ z + (z * k) @ x_z, (p * k) @ z - (x_z * k) @ x_z,
+            (p * k) @ z_x + (x_z * k) @ p,
+        ])
+
+    plain = np.stack([z @ epsilon, epsilon @ z, epsilon @ z_x, x_z @ epsilon])
+    return Products(plain, sandwiches(g), sandwiches(np.ones(g.size)))
+
+
 def unmixed(of: Steps, i: int) -> list[tuple[float, Steps]]:
     """The two structures that step i mixes, each with its share and as a step of its own."""
     own, other = (Steps(of.thickness[[k]], *(part[[k]] for part in of[1:])) for k in (i, i ^ 1))
@@ -124,15 +161,42 @@ def generator(of: Steps, i: int, u_m: Floats, v: float, out: Complexes) -> None:
 
 
 @numba.njit(cache=True)
-def step_up(matrix: Complexes, rho: Complexes) -> tuple[NDArray[Any], NDArray[Any]]:
-    """ρ at the top of a step and f₊ (m, m) below it per f₊ above, from its matrix B (2m, 2m) and ρ (m, m) below.
+def even_part(of: Steps, by: Products, i: int, u_m: Floats, v: float, out: Complexes) -> None:
+    """12 + B² (4n, 4n) of step i, B as `generator` makes it."""
+    n, v2, scale, u = u_m.size, v * v, of.thickness[i] ** 2, u_m[u_m.size // 2]
+    for a in range(n):
+        for b in range(n):
+            s_1, s_2 = by.start[0, i, a, b] + u * by.slope[0, i, a, b], by.start[1, i, a, b] + u * by.slope[1, i, a, b]
+            s_3, s_4 = by.start[2, i, a, b] + u * by.slope[2, i, a, b], by.start[3, i, a, b] + u * by.slope[3, i, a, b]
+            z_x, x_z, p, epsilon = of.z_x[i, a, b], of.x_z[i, a, b], of.p[i, a, b], of.epsilon[i, a, b]
+            k_a, k_b = u_m[a], u_m[b]
+            out[a, b], out[a, n + b] = epsilon - v2 * by.plain[0, i, a, b], -v * s_1
+            out[a, 2 * n + b], out[a, 3 * n + b] = v2 * s_2, v * (z_x - s_2 * k_b)
+            out[n + a, b], out[n + a, n + b] = v * k_a * by.plain[0, i, a, b], p + k_a * s_1
+            out[n + a, 2 * n + b], out[n + a, 3 * n + b] = v * (x_z - k_a * s_2), k_a * (s_2 * k_b - z_x) - x_z * k_b
+            out[2 * n + a, b], out[2 * n + a, n + b] = 0.0, v * by.plain[2, i, a, b]
+            out[2 * n + a, 2 * n + b] = epsilon - v2 * by.plain[1, i, a, b]
+            out[2 * n + a, 3 * n + b] = v * by.plain[1, i, a, b] * k_b
+            out[3 * n + a, b], out[3 * n + a, n + b] = v * by.plain[3, i, a, b], -s_4
+            out[3 * n + a, 2 * n + b], out[3 * n + a, 3 * n + b] = v * s_3, p - s_3 * k_b
+        for first in (0, 2 * n):  # the same for Ê and h
+            out[first + a, first + a] -= u_m[a] * u_m[a]
+            out[first + n + a, first + n + a] -= v2
+            out[first + a, first + n + a] -= v * u_m[a]
+            out[first + n + a, first + a] -= v * u_m[a]
+    for j in range(4 * n):
+        for k in range(4 * n):
+            out[j, k] *= -scale
+        out[j, j] += 12.0
+
+
+@numba.njit(cache=True)
+def step_up(matrix: Complexes, even: Complexes, rho: Complexes) -> tuple[NDArray[Any], NDArray[Any]]:
+    """ρ at the top of a step and f₊ (m, m) below it per f₊ above, from its B and 12 + B² (2m, 2m) and ρ (m, m) below.
 
     X above is exp(−B) X below = −X + 2 (12 + 6 B + B²)⁻¹ (12 + B²) X.
     """
     m = rho.shape[0]
-    even = matrix @ matrix
-    for j in range(2 * m):
-        even[j, j] += 12.0
     above = np.linalg.solve(even + 6.0 * matrix, even[:, :m] + even[:, m:] + (even[:, :m] - even[:, m:]) @ rho)
     above[:m] -= 0.5 * rho
     above[m:] += 0.5 * rho
@@ -142,6 +206,15 @@ def step_up(matrix: Complexes, rho: Complexes) -> tuple[NDArray[Any], NDArray[An
     plus, minus = above[:m] + above[m:], above[:m] - above[m:]
     through = np.linalg.inv(plus)
     return minus @ through, through
+
+
+@numba.njit(cache=True)
+def transfer(matrix: Complexes, even: Complexes) -> NDArray[Any]:
+    """What takes X (2m) from below a step to above it, from its B and 12 + B² (2m, 2m): as in `step_up`."""
+    out = 2.0 * np.linalg.solve(even + 6.0 * matrix, even)
+    for j in range(matrix.shape[0]):
+        out[j, j] -= 1.0
+    return out
 
 
 @numba.njit(cache=True)
@@ -157,8 +230,8 @@ def full_matrix(blocks: Complexes) -> Complexes:
 
 @numba.njit(cache=True)
 def climb_steps(
-    of: Steps, u_m: Floats, v: Floats, front: Complexes, back: Complexes, source: Complexes, outer: Complexes,
-    inner: Complexes,
+    of: Steps, by: Products, u_m: Floats, v: Floats, front: Complexes, back: Complexes, source: Complexes,
+    outer: Complexes, inner: Complexes,
 ) -> None:
     """f₊ and f₋ at the top (outer (n_d, 2, 2n, 2)) and f₊ at the bottom (inner (n_d, 2n, 2)) for n_d directions.
 
@@ -166,12 +239,13 @@ def climb_steps(
     of the incident light for each of two polarisations.
     """
     n_s, m = of.thickness.size, source.shape[1]
-    through, matrix = np.empty((n_s, m, m), np.complex128), np.empty((2 * m, 2 * m), np.complex128)
+    through, (matrix, even) = np.empty((n_s, m, m), np.complex128), np.empty((2, 2 * m, 2 * m), np.complex128)
     for d in range(v.size):
         rho = full_matrix(back[d])
         for i in range(n_s - 1, -1, -1):
             generator(of, i, u_m[d], v[d], matrix)
-            rho, through[i] = step_up(matrix, rho)
+            even_part(of, by, i, u_m[d], v[d], even)
+            rho, through[i] = step_up(matrix, even, rho)
         field = np.linalg.solve(np.eye(m) - full_matrix(front[d]) @ rho, np.ascontiguousarray(source[d]))
         outer[d, 0], outer[d, 1] = field, rho @ field
         for i in range(n_s):

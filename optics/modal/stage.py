@@ -12,6 +12,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from beamrider.arrays import Floats
+from beamrider.io.arguments import table_arguments
 from beamrider.io.files import Stopwatch, versions
 from beamrider.machine_code.notice import compiling
 from optics.cells.outline import Grating, polygons, read_grating
@@ -30,12 +31,15 @@ from optics.refinement.forecast import MOST_MINUTES, announce, forecast, require
 from optics.refinement.narrow_resonances import FINER, are_there, enough_orders, refine_with_resonances
 from optics.refinement.regions import Refined, refine
 from optics.refinement.samples import Solve, start
-from optics.table.command_line import check_range, table_arguments
+from optics.table.contents import PARITY, STOKES_PARITY, Cutoffs
 from optics.table.normal_incidence import ATTRIBUTE
-from optics.table.pressure_table import PARITY, STOKES_PARITY, Cutoffs, PressureTable
+from optics.table.pressure_table import PressureTable
 from optics.table.promise import finish, promised
+from optics.waves.incidence import check_range
 from optics.waves.incidence import cutoffs as rayleigh_cutoffs
 
+#: What tables are made for where nothing else is asked for: error of q, largest direction cosines, those of 25°.
+TOLERANCE, U_MAX = 1e-4, 0.4227
 # Modes that reach the far side of their layer with less than this share of the tolerance are left out there.
 _NEGLIGIBLE, _NOISE = 1e-2, 1e-5
 _WIDE = 75  # orders from which on even choosing their number takes minutes
@@ -55,9 +59,9 @@ def choose_nodes(
     More orders, which are returned, where those don't suffice for the resonances: these move by more than their width.
     InputError where that is forecast to take longer than `most_minutes`.
     """
-    cell = chosen.cell
-
-    watch = Stopwatch()
+    cell, watch = chosen.cell, Stopwatch()
+    window = resonance_window(cell, u_max, v_max)
+    chosen = replace(chosen, reach=(u_max + window.reach, v_max))
 
     def solver(n: int, scout: bool = False) -> Solve:
         negligible = min(_NEGLIGIBLE * tolerance, _NOISE)
@@ -77,7 +81,7 @@ def choose_nodes(
     announce(forecast(solver(chosen.order), u, v, len(curves), chosen.order, layers), cell.name, most_minutes)
     parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
     name, measures = f"modal {cell.name}", (own_error, error_in_any)
-    samples, window = start(solver(chosen.order), curves, u, v, parity, OWN), resonance_window(cell, u_max, v_max)
+    samples = start(solver(chosen.order), curves, u, v, parity, OWN)
     few = scout(min(chosen.order, guided_order(cell, u_max) + _MARGIN))
     if not are_there(few, samples, window, tolerance, name):
         return chosen, refine(samples, tolerance, measures, name)
@@ -153,8 +157,9 @@ def _sampled(chosen: Chosen, refined: Refined, tolerance: float) -> PressureTabl
     error, error_stokes = refined.errors + chosen.errors(found.u, found.v, nodes, _NEGLIGIBLE * tolerance)
     cutoffs = Cutoffs(found.curves, *apart(found.on_curves)) if len(found.curves) else None
     return PressureTable(
-        found.u, found.v, q, absorptance, error, True, False, {}, cutoffs, q_stokes, absorptance_stokes,
-        error_stokes, resonances=refined.resonances if refined.resonances.count else None,
+        found.u, found.v, q, absorptance, error, mirror_v=True, cutoffs=cutoffs, q_stokes=q_stokes,
+        absorptance_stokes=absorptance_stokes, error_stokes=error_stokes,
+        resonances=refined.resonances if refined.resonances.count else None,
     )
 
 
@@ -164,16 +169,25 @@ def _joined(found: Found) -> tuple[Chosen, PressureTable, tuple[str, ...]]:
     q, absorptance, q_stokes, absorptance_stokes = apart(found.nodes)
     cutoffs = Cutoffs(samples.curves, *apart(found.on_curves)) if len(samples.curves) else None
     table = PressureTable(
-        samples.u, samples.v, q, absorptance, found.error, True, False, {"between_nodes": "thick layers joined"},
-        cutoffs, q_stokes, absorptance_stokes, found.error_stokes, thick=found.thick,
+        samples.u, samples.v, q, absorptance, found.error, mirror_v=True,
+        attrs={"between_nodes": "thick layers joined"}, cutoffs=cutoffs, q_stokes=q_stokes,
+        absorptance_stokes=absorptance_stokes, error_stokes=found.error_stokes, thick=found.thick,
     )
     return found.chosen, table, found.reasons
+
+
+OPTIONS = {
+    "--most-minutes": {
+        "type": float, "default": MOST_MINUTES,
+        "help": "refuse a table that is forecast to take more CPU time (default %(default)s)",
+    },
+}
 
 
 def main() -> None:
     """Command line: see the module docstring."""
     what = "Pressure table of a grating by the Fourier modal method"
-    arguments = table_arguments("optics.modal", what, 1e-4, 0.4227, most_minutes=MOST_MINUTES)
+    arguments = table_arguments("optics.modal", what, TOLERANCE, U_MAX, options=OPTIONS)
     cell = read_grating(arguments.cell, arguments.wavelength_nm)
     check_range(cell.surroundings.front, arguments.u_max, arguments.v_max)
     with threadpool_limits(1), compiling("20 s, or a minute on thick layers") as spent:

@@ -30,14 +30,24 @@ class Walls(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Slanted:
-    """A profile as the modal method takes it where its walls aren't upright: in steps, `count` through its depth."""
+    """A profile as the modal method takes it where its walls aren't upright: in steps, `count` through its depth.
+
+    reach: |u| and |v| of the many directions it will be asked for, if these are known (see `optics.modal.slabs`).
+    """
 
     profile: Profile
     count: int
+    reach: tuple[float, float] | None = None
 
     @cached_property
-    def _key(self) -> tuple[str, int]:
-        return self.profile.model_dump_json(), self.count
+    def _key(self) -> tuple[str, int, tuple[float, float] | None]:
+        return self.profile.model_dump_json(), self.count, self.reach
+
+    def holds(self, u: Floats, v: Floats) -> bool:
+        """Whether all directions u, v are within its reach."""
+        if self.reach is None:
+            return False
+        return bool((np.abs(u) <= self.reach[0]).all() and (np.abs(v) <= self.reach[1]).all())
 
     def __hash__(self) -> int:
         return hash(self._key)

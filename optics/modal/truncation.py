@@ -155,10 +155,8 @@ def gauge(up: Climb, at: Callable[[int], Response], below: Sequence[int]) -> Gau
     return Gauge(coarser, weights, factor)
 
 
-def extrapolated(cell: ModalCell, fine: Response, half: Response) -> Response:
-    """What infinitely many slices give, from some and half of them, to second order; steps are right to that."""
-    if isinstance(cell, Slanted):
-        return fine
+def extrapolated(fine: Response, half: Response) -> Response:
+    """What infinitely many slices give, from some and half of them, to second order."""
     parts = ((getattr(fine, field.name), getattr(half, field.name)) for field in fields(Response))
     return Response(*(a + (a - b) / 3 for a, b in parts))
 
@@ -167,7 +165,8 @@ def extrapolated(cell: ModalCell, fine: Response, half: Response) -> Response:
 class Chosen:
     """A cell as the modal method takes it, its orders and slices, and how to tell their errors.
 
-    half: the cell with half the slices, None where its walls are upright. reasons: why a tolerance is missed.
+    half: the cell with half the slices, None where its walls are upright. reasons: why a tolerance is missed. reach:
+    |u| and |v| of the directions that will be asked for.
     """
 
     cell: ModalCell
@@ -177,6 +176,11 @@ class Chosen:
     half: ModalCell | None = None
     slice_factor: float = 0.0
     reasons: tuple[str, ...] = ()
+    reach: tuple[float, float] | None = None
+
+    def _solve(self, cell: ModalCell, u: Floats, v: Floats, order: int, negligible: float) -> Response:
+        of = replace(cell, reach=self.reach) if isinstance(cell, Slanted) else cell
+        return solve(of, u, v, order, negligible)
 
     @property
     def settings(self) -> dict[str, int]:
@@ -185,25 +189,25 @@ class Chosen:
 
     def solve(self, u: Floats, v: Floats, negligible: float = NEGLIGIBLE, order: int | None = None) -> Response:
         """Response over u × v with the orders chosen, or others; extrapolated where there are slices."""
-        fine = solve(self.cell, u, v, order or self.order, negligible)
+        fine = self._solve(self.cell, u, v, order or self.order, negligible)
         if self.half is None or isinstance(self.cell, Slanted):
             return fine
-        return extrapolated(self.cell, fine, solve(self.half, u, v, order or self.order, negligible))
+        return extrapolated(fine, self._solve(self.half, u, v, order or self.order, negligible))
 
     def scout(self, u: Floats, v: Floats, order: int, negligible: float = NEGLIGIBLE) -> Response:
         """Response as half of the slices give it: resonances are there, if not quite where they belong."""
-        return solve(self.half or self.cell, u, v, order, negligible)
+        return self._solve(self.half or self.cell, u, v, order, negligible)
 
     def errors(
         self, u: Floats, v: Floats, fine: Forces | Response, negligible: float = NEGLIGIBLE
     ) -> tuple[Floats, Floats]:
         """Error (n_u, n_v) of what was found from orders and slices, in the cell's own polarisation and in any."""
         as_it_is = self.half is None or isinstance(self.cell, Slanted)
-        base = fine if as_it_is else solve(self.cell, u, v, self.order, negligible)
-        own, every = self.gauge.read(base, [solve(self.cell, u, v, n, negligible) for n in self.gauge.coarser])
+        base = fine if as_it_is else self._solve(self.cell, u, v, self.order, negligible)
+        own, every = self.gauge.read(base, [self._solve(self.cell, u, v, n, negligible) for n in self.gauge.coarser])
         if self.half is None:
             return own, every
-        more = change(fine, solve(self.half, u, v, self.order, negligible))
+        more = change(fine, self._solve(self.half, u, v, self.order, negligible))
         return own + self.slice_factor * more[0], every + self.slice_factor * more[1]
 
 
@@ -287,9 +291,12 @@ def _with_slices(
 
     plain: what so many slices and orders give.
     """
+    in_steps = isinstance(modal_cell(cell), Slanted)  # right to more than second order as they are
 
     def best(count: int, order: int) -> Response:
-        return extrapolated(modal_cell(cell, count), plain(count, order), plain(count // 2, order))
+        if in_steps:
+            return plain(count, order)
+        return extrapolated(plain(count, order), plain(count // 2, order))
 
     what = f"modal {cell.name}: slices"
     up = climb(lambda count: best(count, ladder[1]), SLICES, _SHARE * tolerance, what)

@@ -57,7 +57,7 @@ def _error(response: Response, nodes: Floats, values: Floats, share: float) -> F
 
 
 def chebyshev(low: float, high: float, count: int) -> Floats:
-    """`count` Chebyshev-Lobatto points, ends included, ascending."""
+    """`count` Chebyshev-Lobatto points (count,), ends included, ascending."""
     if count == 1:
         return np.array([low])
     x = -np.cos(np.pi * np.arange(count) / (count - 1))
@@ -65,7 +65,7 @@ def chebyshev(low: float, high: float, count: int) -> Floats:
 
 
 def even_nodes(v_max: float, count: int) -> Floats:
-    """Nodes in v ≥ 0 for a response even in v: Chebyshev-Lobatto in v², v = 0 among them."""
+    """Nodes (count,) in v ≥ 0 for a response even in v: Chebyshev-Lobatto in v², v = 0 among them."""
     return np.sqrt(np.maximum(chebyshev(0.0, v_max**2, count), 0.0))
 
 

@@ -41,7 +41,7 @@ class Forecast:
 def forecast(
     solve: Callable[[Floats, Floats], Any], u: Floats, v: Floats, curves: int, order: int, layers: int
 ) -> Forecast:
-    """Cost of a table of rows u and lines v with three lines of nodes at each of the cut-offs `curves`."""
+    """Cost of a table of rows u (n,) and lines v (m,) with three lines of nodes at each of the cut-offs `curves`."""
     middle = u.size // 3
     one = _seconds(lambda: solve(u[middle : middle + 1], v[:1]))
     four = _seconds(lambda: solve(u[middle : middle + 1], v[:4]))

@@ -39,7 +39,7 @@ _WORTH = 0.9  # a pass that leaves more than this of the error is the last one
 
 
 def first_lines(at: Floats, count: int) -> Floats:
-    """About `count` lines over the `breaks` at, even in v² but denser beside those where cut-offs meet."""
+    """About `count` lines (n,) over the `breaks` at (m,), even in v² but denser beside those where cut-offs meet."""
     lines = [at]
     for low, high in pairwise(at):
         x = np.linspace(0.0, 1.0, 1 + max(2, int(np.ceil(count * (high**2 - low**2) / at[-1] ** 2))))
@@ -100,7 +100,7 @@ class _Found:
         self._errors: dict[tuple[float, float], Floats] = {}
 
     def unknown(self, nodes: Floats) -> Floats:
-        """Midpoints of the intervals that have not been tested."""
+        """Midpoints (m,) of the intervals between nodes (n,) that have not been tested."""
         return np.array([(a + b) / 2 for a, b in pairwise(nodes.tolist()) if (a, b) not in self._errors])
 
     def note(self, nodes: Floats, errors: Floats) -> None:
@@ -111,7 +111,7 @@ class _Found:
                 self._errors[pair] = next(rest)
 
     def all(self, nodes: Floats) -> Floats:
-        """Errors (n − 1, n_tests) of all intervals."""
+        """Errors (k, n_tests) of all k = n − 1 intervals between nodes (n,)."""
         return np.array([self._errors[pair] for pair in pairwise(nodes.tolist())])
 
 
@@ -124,14 +124,17 @@ class _Axis:
     most: int
 
     def split(self, nodes: Floats, errors: Floats, tolerance: float) -> Floats:
-        """Midpoints of the intervals with too large an error, the worst of them where there are too many."""
+        """Midpoints (m,) of the intervals with too large an error, the worst of them where there are too many.
+
+        nodes (n,) and the errors (n_intervals, n_tests) between them.
+        """
         worst = errors.max(axis=1)
         bad = np.flatnonzero((worst > tolerance) & (np.diff(nodes) > self.smallest))
         bad = bad[np.argsort(-worst[bad], kind="stable")][: max(0, self.most - nodes.size)]
         return _between(nodes)[np.sort(bad)]
 
     def reasons(self, nodes: Floats, errors: Floats, tolerance: float) -> list[str]:
-        """Why there are intervals left with too large an error."""
+        """Why intervals between nodes (n,) are left with too large an error (n_intervals, n_tests)."""
         worst = errors.max(axis=1)
         if not (worst > tolerance).any():
             return []

@@ -42,13 +42,13 @@ class Samples:
         return pack(layout, values, make_patches(layout, values), False, False)
 
     def with_rows(self, u: Floats) -> Samples:
-        """More rows."""
+        """More rows u (n,)."""
         order = np.argsort(every := np.concatenate([self.u, u]))
         nodes = np.concatenate([self.nodes, self.solve(u, self.v)], axis=1)[:, order]
         return replace(self, u=every[order], nodes=nodes)
 
     def with_lines(self, v: Floats) -> Samples:
-        """More lines."""
+        """More lines v (n,)."""
         order = np.argsort(every := np.concatenate([self.v, v]))
         nodes = np.concatenate([self.nodes, self.solve(self.u, v)], axis=2)[..., order]
         more = on_curves(self.solve, self.curves, v, self.u[0], self.u[-1], len(self.nodes))
@@ -79,7 +79,7 @@ def on_curves(solve: Solve, curves: Curves, v: Floats, u_min: float, u_max: floa
 
 
 def start(solve: Solve, curves: Curves, u: Floats, v: Floats, parity: Floats, leading: int) -> Samples:
-    """Samples on rows u, lines v and curves, with one more line of nodes on both sides of each curve."""
+    """Samples on rows u (n,), lines v (m,) and curves, with one more line of nodes on both sides of each curve."""
     both = [curves.beside(np.full(len(curves), side * _FIRST_BESIDE**2)) for side in (-1.0, 1.0)]
     nodes = solve(u, v)
     samples = Samples(solve, parity, leading, u, v, curves.take([]), nodes, np.empty((len(nodes), 0, v.size)))

@@ -46,7 +46,7 @@ class Film:
 
 
 def from_rows(rows: Floats, share: float) -> Film:
-    """The film of `Film.as_rows`."""
+    """The film of the rows (n, 4) of `Film.as_rows`."""
     coherent = (rows[1:-1, 3] != 0.0).astype(np.int64)
     return Film(rows[:, 0] + 1j * rows[:, 1], rows[1:-1, 2].copy(), coherent, share)
 

@@ -51,7 +51,7 @@ class _Parts:
         self.size = header
 
     def add(self, part: NDArray[Any]) -> int:
-        """Where the part begins."""
+        """Where the part (...) begins, once it is added."""
         self.parts.append(part.ravel())
         self.size += part.size
         return self.size - part.size

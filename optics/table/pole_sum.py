@@ -92,7 +92,7 @@ def pole_values(
 def pole_slopes(
     n: Floats, first: int, nodes: int, poles: int, k: int, c: int, u: float, v: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
-    """∂u, then ∂v, of what the poles add to the quantities c … c + 3."""
+    """∂u, then ∂v, of what the poles add to the quantities c … c + 3; n (size,): see `pack_poles`."""
     at, r, step = _place(n, first, nodes, poles, k, v)
     u0 = u1 = u2 = u3 = v0 = v1 = v2 = v3 = 0.0
     for _ in range(poles):

@@ -62,7 +62,7 @@ class Resonances:
 
     @cached_property
     def slopes(self) -> tuple[Complexes, Complexes]:
-        """∂v of p and h, from the nodes on which each pole is felt."""
+        """∂v of p (n_poles, n_v) and h (n_q, n_poles, n_v), from the nodes on which each pole is felt."""
         p_v, h_v = np.zeros_like(self.p), np.zeros_like(self.h)
         for k, felt in enumerate(self.felt):
             at = np.flatnonzero(felt)
@@ -76,7 +76,7 @@ class Resonances:
 
     @cached_property
     def packed(self) -> Floats:
-        """The numbers for `optics.table.pole_sum`."""
+        """The numbers (n,) for `optics.table.pole_sum`."""
         return pack_poles(self.v, self.p, self.h, *self.slopes)
 
     def on(self, u: Floats, v: Floats) -> Floats:
@@ -118,7 +118,7 @@ def without(values: Values, curves: Curves, resonances: Resonances) -> Values:
 
 
 def no_resonances(parity: Floats) -> Resonances:
-    """None at all."""
+    """None at all, of quantities of parity (n_q,)."""
     none, heights = np.empty((0, 2), complex), np.empty((parity.size, 0, 2), complex)
     return Resonances(np.array([0.0, 1.0]), none, heights, parity)
 
@@ -158,7 +158,7 @@ def _chain(lines: list[LinePoles]) -> list[_Run]:
 
 
 def join(lines: list[LinePoles], parity: Floats) -> Resonances:
-    """Poles over v from those on lines (in order of v)."""
+    """Poles over v from those on lines in order of v; parity (n_q,)."""
     runs, v = _chain(lines), np.array([line.v for line in lines])
     p, h = np.zeros((len(runs), v.size), complex), np.zeros((parity.size, len(runs), v.size), complex)
     for k, run in enumerate(runs):
@@ -193,7 +193,10 @@ def follow(
     find: Find, lines: list[LinePoles], window: Window, parity: Floats, leading: int, tolerance: float,
     name: str = "table",
 ) -> Followed:
-    """Poles over v from those on `lines`; more lines until the sum is right to `tolerance` halfway between them."""
+    """Poles over v from those on `lines`; more lines until the sum is right to `tolerance` halfway between.
+
+    parity (n_q,).
+    """
     lines, tested = sorted(lines, key=lambda line: line.v), {}
     if not any(line.p.size for line in lines):
         return Followed(no_resonances(parity), (), tuple(line for line in lines if line.missed))

@@ -14,7 +14,7 @@ import hashlib
 import json
 import os
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -26,51 +26,38 @@ from beamrider.arrays import Floats
 from beamrider.io.files import InputError, reading, require_whole
 from beamrider.io.hdf5 import write_hdf5
 from beamrider.io.wording import brief
-from beamrider.provenance.record import NAME, as_attribute
+from beamrider.provenance.record import as_attribute
 from optics.cells.cross_section import Section, cross_section
+from optics.table.contents import (
+    COMPONENTS,
+    FIELDS,
+    OWN_QUANTITIES,
+    PARITY,
+    PROPERTIES,
+    REQUIRED,
+    STOKES,
+    STOKES_PARITY,
+    Cutoffs,
+    Variables,
+    contents,
+    cutoff_variables,
+    encode,
+    pole_variables,
+)
 from optics.table.films import FIELDS as FIELDS_OF_FILM
-from optics.table.films import KIND, LOSSES, PRESSURE, Film, from_rows, with_film
+from optics.table.films import KIND, LOSSES, PRESSURE, Film, with_film
 from optics.table.hermite import Values, make_patches
 from optics.table.lookup import TableArrays, lookup_many, lookup_slopes_many, pack
 from optics.table.lookup import lookup as lookup
 from optics.table.pole_tracks import Resonances, without
 from optics.table.strips import Curves, lay_out, no_curves
-from optics.table.thick_membranes import GAIN, OWN, Thick, read_thick, thick_variables, with_thick
+from optics.table.thick_membranes import GAIN, OWN, Thick, thick_variables, with_thick
 from optics.table.thick_membranes import STOKES as STOKES_OF_THICK
 
 SCHEMA = 2
-COMPONENTS = ("g", "r", "n")
-STOKES = ("1", "s1", "s2", "s3")
-FIELDS = ("re_s", "im_s", "re_p", "im_p", "a_s", "a_p")
-PROPERTIES = ("n", "k", "phase_depth", "coherent")
-# Under v → −v: q_g, q_n and the absorptance are even, q_r is odd; light of s2 and s3 becomes that of −s2 and −s3.
-PARITY = np.array([1.0, -1.0, 1.0, 1.0])
-STOKES_PARITY = np.array([1.0, 1.0, -1.0, -1.0])
 _UNLOCKED = {"locking": False}  # see `beamrider.io.hdf5`
-_REQUIRED = ("u", "v", "q", "absorptance", "error")
-_OWN = 4  # quantities of the cell's own polarisation
-_POLE_HEIGHTS = ("pole_q", "pole_absorptance", "pole_q_stokes", "pole_absorptance_stokes")
-
-Variables = dict[str, tuple[tuple[str, ...], Floats, str]]
-
-
 class OutsideTable(InputError):
     """A direction was asked for that the table does not hold."""
-
-
-@dataclass(frozen=True)
-class Cutoffs:
-    """The response exactly on the Rayleigh cut-offs, at (u_c(v), v) of every stored v.
-
-    curves (n): which they are. q (3, n, n_v), absorptance (n, n_v), NaN where a curve is outside the table. For the
-    Stokes components, if the table has them: q_stokes (4, 3, n, n_v), absorptance_stokes (4, n, n_v).
-    """
-
-    curves: Curves
-    q: Floats
-    absorptance: Floats
-    q_stokes: Floats | None = None
-    absorptance_stokes: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -106,6 +93,7 @@ class PressureTable:
     q_nodes: Floats
     absorptance_nodes: Floats
     error: Floats
+    _: KW_ONLY
     mirror_v: bool = False
     axisymmetric: bool = False
     attrs: dict[str, Any] = field(default_factory=dict)
@@ -211,20 +199,10 @@ class PressureTable:
             rows, share = self.film.as_rows(), np.array(self.film.share)
             found["film"] = ("medium", "property"), rows, "the stack that values between nodes follow from"
             found["film_p_share"] = (), share, "part of the light that is polarised p"
-        if c := self.cutoffs:
-            found |= {
-                "cutoff_order": (("cutoff",), c.curves.order, "order m that grazes at u = sign √(index² − v²) − shift"),
-                "cutoff_sign": (("cutoff",), c.curves.sign, "sign of that order's u"),
-                "cutoff_index": (("cutoff",), c.curves.index, "refractive index of its half-space"),
-                "cutoff_offset": (("cutoff",), c.curves.offset, "distance in u of a line of nodes beside the cut-off"),
-                "cutoff_shift": (("cutoff",), c.curves.shift, "m λ/d − offset"),
-                "cutoff_q": (("component", "cutoff", "v"), c.q, "q on the cut-off; NaN outside the table"),
-                "cutoff_absorptance": (("cutoff", "v"), c.absorptance, "likewise"),
-                "cutoff_q_stokes": (("stokes", "component", "cutoff", "v"), c.q_stokes, "likewise"),
-                "cutoff_absorptance_stokes": (("stokes", "cutoff", "v"), c.absorptance_stokes, "likewise"),
-            }
+        if self.cutoffs:
+            found |= cutoff_variables(self.cutoffs)
         if self.resonances:
-            found |= _pole_variables(self.resonances)
+            found |= pole_variables(self.resonances)
         if self.thick:
             found |= thick_variables(self.thick)
         return {name: (dims, array, text) for name, (dims, array, text) in found.items() if array is not None}
@@ -257,7 +235,7 @@ class PressureTable:
             return self._joined(STOKES_OF_THICK if stokes else OWN)
         values, found = self._values(stokes), None
         if self.resonances:
-            found = self.resonances.take(slice(_OWN, None) if stokes else slice(0, _OWN))
+            found = self.resonances.take(slice(OWN_QUANTITIES, None) if stokes else slice(0, OWN_QUANTITIES))
             values = without(values, self._curves, found)
         layout = lay_out(self._curves, values.u[0], values.u[-1], values.v)
         arrays = pack(layout, values, make_patches(layout, values), self.axisymmetric, nearest, found)
@@ -380,7 +358,7 @@ class PressureTable:
             | ({"property": list(PROPERTIES)} if self.film else {}),
             attrs={
                 "schema": SCHEMA, "mirror_v": int(self.mirror_v), "axisymmetric": int(self.axisymmetric),
-                "digest": self.digest, **as_attribute(), **{key: _encode(value) for key, value in self.attrs.items()},
+                "digest": self.digest, **as_attribute(), **{key: encode(value) for key, value in self.attrs.items()},
             },
         )
         write_hdf5(path, data.to_netcdf(engine="h5netcdf"))
@@ -388,7 +366,7 @@ class PressureTable:
     @property
     def digest(self) -> str:
         """SHA-256 of the numbers and of all attributes but the time it took, to notice an edited file."""
-        attrs = sorted((key, _encode(value)) for key, value in self.attrs.items() if not key.endswith("_seconds"))
+        attrs = sorted((key, encode(value)) for key, value in self.attrs.items() if not key.endswith("_seconds"))
         belongs = [self.mirror_v, self.axisymmetric, attrs]
         sums = hashlib.sha256(json.dumps(belongs).encode())
         for name, (_, array, _) in self._variables().items():
@@ -405,7 +383,7 @@ class PressureTable:
             warnings.simplefilter("ignore")  # of netCDF about data of other programs, which are refused below
             with xr.open_dataset(path, engine="h5netcdf", decode_cf=False, driver_kwds=_UNLOCKED) as data:
                 data.load()
-        for name in _REQUIRED:
+        for name in REQUIRED:
             if name not in data.variables:
                 raise InputError(f"{path}: not a pressure table: '{name}' is missing")
         if str(data.attrs.get("schema")) != str(SCHEMA):
@@ -413,75 +391,13 @@ class PressureTable:
             raise InputError(f"{path}: schema = {given}: must be {SCHEMA}; make the table again")
         with reading(path, "a pressure table"):
             try:
-                table = cls._from_dataset(data)
+                table = cls(**contents(data))
             except InputError as refusal:
                 raise InputError(f"{path}: {refusal}") from None
             digest = table.digest
         if digest != str(data.attrs.get("digest")):
             raise InputError(f"{path}: it was changed after it was made (digest differs); make it again")
         return table
-
-    @classmethod
-    def _from_dataset(cls, data: xr.Dataset) -> PressureTable:
-        """The table in a data set; KeyError, ValueError or TypeError where something is missing or no number."""
-
-        def numbers(*names: str) -> list[Floats]:
-            if wrong := [name for name in names if data[name].dtype.kind not in "fiu"]:
-                raise TypeError(f"{wrong[0]} must hold real numbers")
-            return [np.asarray(data[name].values, float) for name in names]
-
-        attrs = {key: _decode(value) for key, value in data.attrs.items() if key not in ("schema", "digest", NAME)}
-        mirror_v, axisymmetric = (bool(int(attrs.pop(name))) for name in ("mirror_v", "axisymmetric"))
-        pair = ("q_stokes", "absorptance_stokes")
-        stokes: list[Any] = numbers(*pair) if any(name in data for name in pair) else [None, None]
-        cutoffs = None
-        if any(str(name).startswith("cutoff_") for name in data.variables):
-            order, *rest = numbers("cutoff_order", "cutoff_sign", "cutoff_index", "cutoff_shift", "cutoff_offset")
-            found = stokes[0] is not None
-            on_them: list[Any] = numbers(*(f"cutoff_{name}" for name in pair)) if found else [None, None]
-            curves = Curves(order.astype(np.int64), *rest)
-            cutoffs = Cutoffs(curves, *numbers("cutoff_q", "cutoff_absorptance"), *on_them)
-        u, v, q, absorptance, error = numbers(*_REQUIRED)
-        worst = numbers("error_stokes")[0] if "error_stokes" in data else None
-        amplitudes = numbers("amplitude")[0] if "amplitude" in data else None
-        resonances = None
-        if any(str(name).startswith("pole_") for name in data.variables):
-            resonances = _resonances(*numbers("pole_v", "pole_u", *_POLE_HEIGHTS))
-        film = from_rows(numbers("film")[0], float(data["film_p_share"])) if "film" in data else None
-        thick = read_thick(numbers, cutoffs is not None, "thick_pole_v" in data) if "thick_parts" in data else None
-        return cls(
-            u, v, q, absorptance, error, mirror_v, axisymmetric, attrs, cutoffs, stokes[0], stokes[1], worst,
-            amplitudes, resonances, film, thick,
-        )
-
-
-def _pole_variables(found: Resonances) -> Variables:
-    """What a file holds of narrow resonances."""
-    along = ("pole", "pole_v")
-    shape = found.p.shape
-    parts = np.stack([found.h.real, found.h.imag])
-    own, every = parts[:, :_OWN], parts[:, _OWN:].reshape(2, -1, _OWN, *shape)
-    text = "real and imaginary part h: they add Re[h γ / (u − p)]"
-    heights = own[:, :3], own[:, 3], every[:, :, :3], every[:, :, 3]
-    dims = ("component",), (), ("stokes", "component"), ("stokes",)
-    return {
-        "pole_v": (("pole_v",), found.v, "v of the nodes of narrow resonances"),
-        "pole_u": (("part", *along), np.stack([found.p.real, found.p.imag]), "p = x + iγ: place and half width in u"),
-        **{
-            name: (("part", *dim, *along), height, text)
-            for name, dim, height in zip(_POLE_HEIGHTS, dims, heights, strict=True)
-        },
-    }
-
-
-def _resonances(v: Floats, p: Floats, q: Floats, absorptance: Floats, q_stokes: Floats, a_stokes: Floats) -> Resonances:
-    """Narrow resonances from what a file holds of them."""
-    own = np.concatenate([q, absorptance[:, None]], axis=1)
-    every = np.concatenate([q_stokes, a_stokes[:, :, None]], axis=2)
-    h = np.concatenate([own, every.reshape(2, -1, *p.shape[1:])], axis=1)
-    parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
-    return Resonances(v, p[0] + 1j * p[1], h[0] + 1j * h[1], parity)
-
 
 def _stack(q: Floats | None, absorptance: Floats | None) -> Floats:
     """Quantities (4 s, ...) from q (s, 3, ...) and absorptance (s, ...): of one Stokes component after the other."""
@@ -495,14 +411,3 @@ def _around(nodes: Floats, x: Floats) -> tuple[Any, Any]:
     """Indices of the nodes left and right of x (...), both the same where there is but one."""
     right = np.clip(np.searchsorted(nodes, x), min(1, nodes.size - 1), nodes.size - 1)
     return np.maximum(right - 1, 0), right
-
-
-def _encode(value: Any) -> Any:
-    """Attribute values: numbers and text as they are, anything nested as JSON text."""
-    return value if isinstance(value, str | int | float) else json.dumps(value)
-
-
-def _decode(value: Any) -> Any:
-    if isinstance(value, str) and value[:1] in ("{", "["):
-        return json.loads(value)
-    return value.item() if isinstance(value, np.generic) else value

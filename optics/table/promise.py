@@ -59,7 +59,7 @@ class Promise:
 def cell_errors(table: PressureTable) -> tuple[Floats, Floats]:
     """Stated error of q between neighbouring nodes, the largest of their corners, and the area of directions there.
 
-    Both (n_u − 1, n_v − 1); of an axisymmetric table (n_u − 1, 1), with the areas of rings.
+    Both (n, m) of n_u − 1 by n_v − 1; of an axisymmetric table (n_u − 1, 1), with the areas of rings.
     """
     error = np.maximum(table.error[1:], table.error[:-1])
     if table.axisymmetric:
@@ -68,7 +68,7 @@ def cell_errors(table: PressureTable) -> tuple[Floats, Floats]:
 
 
 def weighted_quantile(values: Floats, weights: Floats, share: float) -> float:
-    """The least of `values` that at least `share` of the weight does not exceed."""
+    """The least of `values` (...) that at least `share` of the weight does not exceed."""
     order = np.argsort(values, axis=None)
     total = np.cumsum(weights.ravel()[order])
     return float(values.ravel()[order][np.searchsorted(total, share * total[-1] * (1 - 1e-12))])

@@ -52,14 +52,14 @@ class Window:
     curves: Curves
 
     def edges(self, v: float) -> Floats:
-        """Ends of the strips between cut-offs on a line."""
+        """Ends (n,) of the strips between cut-offs on a line."""
         ends = self.low - self.reach, self.high + self.reach
         cut = self.curves.u(np.array([v]))[:, 0]
         found = np.unique([*ends, *cut[(cut > ends[0]) & (cut < ends[1])]])
         return np.asarray(found[np.append(True, np.diff(found) > NEAR)])
 
     def rows(self) -> Floats:
-        """Rows beyond the edges."""
+        """Rows (n,) beyond the edges."""
         far = self.reach * np.arange(1, _ROWS_BEYOND + 1) / _ROWS_BEYOND
         return np.concatenate([self.low - far[::-1], self.high + far])
 
@@ -110,7 +110,7 @@ class _Strip:
     error: float = np.inf
 
     def place(self, tau: Complexes | Floats) -> Complexes:
-        """U at τ."""
+        """U (...) at τ (...)."""
         return np.asarray(self.a + (self.b - self.a) * tau**2 / (tau**2 + (1.0 - tau) ** 2), complex)
 
     def beside(self, x: Floats, scale: Floats) -> Floats:
@@ -119,7 +119,7 @@ class _Strip:
         return to_tau((u[(u > self.a) & (u < self.b)] - self.a) / (self.b - self.a))
 
     def add(self, tau: Floats, rational: Rational | None = None) -> float:
-        """Take more samples; the largest error there of the rational function so far."""
+        """Take more samples at tau (n,); the largest error there of the rational function so far."""
         tau = np.array([t for t in np.unique(tau) if np.abs(self.tau - t).min(initial=1.0) > NEAR])
         if not tau.size:
             return 0.0
@@ -128,7 +128,7 @@ class _Strip:
         return float(np.abs(rational(tau) - new).max()) if rational else 0.0
 
     def poles(self, rational: Rational) -> tuple[Complexes, Complexes, Floats]:
-        """Poles near the strip, Im ≥ 0, with 2 × residues, in u, and how wide they are in τ."""
+        """Poles (n,) near the strip, Im ≥ 0, with 2 × residues (n_q, n), in u, and how wide they are in τ (n,)."""
         at, residues = rational.poles()
         keep = (at.imag >= 0) & (at.imag < _WIDE_TAU) & (at.real > -_WIDE_TAU) & (at.real < 1.0 + _WIDE_TAU)
         at, residues = at[keep], residues[:, keep]
@@ -138,7 +138,7 @@ class _Strip:
         return p[keep], c[:, keep], at.imag[keep]
 
     def find(self) -> tuple[Complexes, Complexes, Floats]:
-        """Poles, heights and widths in τ, once the rational function is right at new samples beside the poles.
+        """Poles (n,), heights (n_q, n) and widths in τ (n,), once the rational function is right at samples there.
 
         From afar the place and the residue of a pole are seen, but not its width: it seems to be on the real axis. The
         residue is the width times a height of about 1.

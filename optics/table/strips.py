@@ -57,7 +57,7 @@ class Curves:
         return np.asarray((u >= u_min - NEAR) & (u <= u_max + NEAR))
 
     def take(self, which: NDArray[np.bool_] | list[int]) -> Curves:
-        """Some of the curves."""
+        """Some of the curves, by their numbers (n,) or a mask (n_curves,)."""
         return Curves(*(part[which] for part in vars(self).values()))
 
     def beside(self, offset: Floats) -> Curves:
@@ -106,7 +106,7 @@ def _crossings(curves: Curves, i: int, j: int) -> list[float]:
 
 
 def breaks(curves: Curves, u_min: float, u_max: float, v_max: float) -> Floats:
-    """Values of v, 0 and v_max among them, between which no curves cross and none leaves the window."""
+    """Values (n,) of v, 0 and v_max among them, between which no curves cross and none leaves the window."""
     lines = curves.take(curves.offset == 0.0).with_edges(u_min, u_max, v_max)
     found = [0.0, v_max]
     for i in range(len(lines)):
@@ -170,7 +170,7 @@ def _ordered(lines: Curves, v: float) -> list[int]:
 
 
 def lay_out(curves: Curves, u_min: float, u_max: float, v: Floats) -> Layout:
-    """Strips and lanes of a window; every break of v must be a node. Raises ValueError with the one that is missing."""
+    """Strips and lanes of a window; every break of v (n,) must be a node, ValueError names one that is missing."""
     lines = curves.with_edges(u_min, u_max, float(v[-1]))
     at = breaks(curves, u_min, u_max, float(v[-1])) if len(curves) else np.array([v[0], v[-1]])
     nodes = np.abs(v[:, None] - at).argmin(axis=0)
@@ -206,7 +206,7 @@ def _passing(strips: list[Strip], slab: list[int], lines: Curves, v: float, left
 
 
 def to_tau(x: Floats) -> Floats:
-    """τ of the place x in a strip (0 … 1)."""
+    """τ (...) of the place x (...) in a strip, from 0 to 1."""
     left, right = np.sqrt(x), np.sqrt(1.0 - x)
     return np.asarray(left / (left + right))
 

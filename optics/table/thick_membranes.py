@@ -49,13 +49,13 @@ class Layers:
 
     @property
     def numbers(self) -> Floats:
-        """As `optics.waves.thick_layers.setup` takes them."""
+        """Numbers (n,) as `optics.waves.thick_layers.setup` takes them."""
         index = np.ascontiguousarray(self.index, complex).view(float)
         return np.concatenate([[self.pitch, self.front], index, self.depth])
 
     @property
     def whole(self) -> Integers:
-        """Flags as `optics.waves.thick_layers.setup` takes them."""
+        """Flags (n,) as `optics.waves.thick_layers.setup` takes them."""
         return np.array([self.index.size, *self.flags], dtype=np.int64)
 
     def join(self, u: Floats, v: Floats, parts: Floats) -> Floats:
@@ -84,7 +84,7 @@ class Thick:
     resonances: Resonances | None = None
 
     def arrays(self, curves: Curves, u: Floats, v: Floats) -> TableArrays:
-        """The parts between rows u and lines v and on cut-offs, to be interpolated."""
+        """The parts between rows u (n,) and lines v (m,) and on cut-offs, to be interpolated."""
         values = Values(u, v, self.nodes, self.on_curves, self.parity)
         if self.resonances:
             values = without(values, curves, self.resonances)
@@ -100,7 +100,7 @@ def with_thick(t: TableArrays, thick: Thick, kind: int) -> TableArrays:
 
 
 def thick_variables(of: Thick) -> dict[str, tuple[tuple[str, ...], Floats, str]]:
-    """What a file holds of them: dims, array, long name."""
+    """What a file holds of them: dims, array (...), long name."""
     own = of.layers
     media = np.column_stack([own.index.real, own.index.imag, np.append(own.depth, 0.0)])
     on_them = {"thick_cutoff_parts": (("amplitude", "cutoff", "v"), of.on_curves, "likewise, on the cut-offs")}
@@ -131,7 +131,7 @@ def _poles(found: Resonances | None) -> dict[str, tuple[tuple[str, ...], Floats,
 
 
 def read_thick(numbers: Callable[..., list[Floats]], curves: bool, poles: bool) -> Thick:
-    """From what a file holds: `numbers` gives its arrays by name; has it cut-offs, and narrow resonances."""
+    """From what a file holds: `numbers` gives its arrays (...) by name; has it cut-offs, and narrow resonances."""
     names = ("parts", "parity", "error", "error_stokes", "media", "numbers", "flags")
     nodes, signs, error, worst, media, both, flags = numbers(*(f"thick_{name}" for name in names))
     on_them = numbers("thick_cutoff_parts")[0] if curves else np.empty((len(nodes), 0, nodes.shape[2]))

@@ -17,16 +17,19 @@ from numba import guvectorize
 from numpy.typing import ArrayLike, NDArray
 
 from beamrider.arrays import Complexes, Floats
+from beamrider.io.arguments import table_arguments
 from beamrider.io.files import InputError, Stopwatch, versions
 from optics.cells.schema import ThinFilm, read_cell
 from optics.refinement.directions import refine
-from optics.table.command_line import check_range, table_arguments
 from optics.table.films import Film
 from optics.table.pressure_table import PressureTable
 from optics.table.promise import finish, promised
 from optics.thin_film.fringes import carries_waves, fringes
 from optics.waves import plane_stack as transfer
+from optics.waves.incidence import check_range
 
+#: What tables are made for where nothing else is asked for: error of q, largest sine of the angle of incidence.
+TOLERANCE, U_MAX = 1e-6, 0.999
 P_SHARE = {"s": 0.0, "p": 1.0, "mean": 0.5}
 # A film is sampled from this many nodes on: a resonance as wide as half their distance cannot fall between them.
 _NODES = 33
@@ -118,7 +121,7 @@ def amplitudes(
 
 def momentum(
     index: ArrayLike, thickness: ArrayLike, wavelength: ArrayLike, u: ArrayLike, v: ArrayLike,
-    p_share: ArrayLike = 0.5, coherent: ArrayLike = True, *, from_back: bool = False,
+    *, p_share: ArrayLike = 0.5, coherent: ArrayLike = True, from_back: bool = False,
 ) -> tuple[Floats, FilmResponse]:
     """Pressure coefficients q (..., 3) in (g, r, n) of a film tilted any way, and the response they follow from.
 
@@ -178,7 +181,9 @@ def pressure(
     cell: ThinFilm, u: Floats, v: Floats | float = 0.0, *, from_back: bool = False
 ) -> tuple[Floats, FilmResponse]:
     """Q (..., 3) of the cell for light k/k₀ = (u, v, ·), and the response it follows from; see `momentum`."""
-    return momentum(*_arrays(cell), u, v, P_SHARE[cell.polarisation], _coherent(cell), from_back=from_back)
+    return momentum(
+        *_arrays(cell), u, v, p_share=P_SHARE[cell.polarisation], coherent=_coherent(cell), from_back=from_back
+    )
 
 
 def polarised(cell: ThinFilm, s: Floats) -> Floats | None:
@@ -237,7 +242,7 @@ def make_table(cell: ThinFilm, s_max: float, tolerance: float) -> PressureTable:
 
 def main() -> None:
     """Command line: see the module docstring."""
-    arguments = table_arguments("optics.thin_film", "Pressure table of a plane film", 1e-6, 0.999, v_max=False)
+    arguments = table_arguments("optics.thin_film", "Pressure table of a plane film", TOLERANCE, U_MAX, v_max=False)
     cell = read_cell(arguments.cell, arguments.wavelength_nm)
     if not isinstance(cell, ThinFilm):
         raise InputError(f"{arguments.cell}: kind = {cell.kind!r}: must be thin_film; use optics.modal for gratings")

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamrider.arrays import Complexes, Floats
+from beamrider.io.errors import InputError
 
 AXES = {"g": 0, "r": 1}
 
@@ -70,8 +71,8 @@ def order_cosines(
 ) -> tuple[Floats, Complexes]:
     """u_m = u + m λ/d and w_m = √(n² − u_m² − v²) (Im ≥ 0) of the diffraction orders.
 
-    `pitch` is λ/d. u and v broadcast; the last axis of the results runs over `orders`. Evanescent orders have an
-    imaginary w_m.
+    `pitch` is λ/d. u and v (...) broadcast; the last axis of the results runs over `orders` (n,). Evanescent ones have
+    an imaginary w_m.
     """
     u_m = np.asarray(u)[..., None] + pitch * orders
     s = np.hypot(u_m, np.asarray(v)[..., None])
@@ -85,3 +86,15 @@ def cutoffs(pitch: float, u_max: float, v: float = 0.0, index: float = 1.0) -> l
     m_max = int(np.ceil((index + u_max) / pitch)) + 1
     found = {round(sign * edge - m * pitch, 15) for m in range(-m_max, m_max + 1) if m for sign in (-1, 1)}
     return sorted(float(u) for u in found if abs(u) <= u_max)
+
+
+def check_range(index: float, u_max: float, v_max: float | None = None) -> None:
+    """Refuse a table that reaches light that doesn't exist (u² + v² ≥ n²) or is empty."""
+    if not 0 < u_max < index:
+        raise InputError(f"--u-max = {u_max:g}: must be between 0 and {index:g}")
+    if v_max is None:
+        return
+    if not 0 < v_max < index:
+        raise InputError(f"--v-max = {v_max:g}: must be between 0 and {index:g}")
+    if u_max**2 + v_max**2 >= index**2:
+        raise InputError(f"--u-max = {u_max:g}, --v-max = {v_max:g}: u² + v² must stay below {index**2:g}")

@@ -205,7 +205,7 @@ def own_light(s: Setup, out: Floats, u: float, v: float) -> None:
 def gain(s: Setup, x: Floats, u: float, v: float) -> float:
     """How much errors of the parts grow in the light between them: (1 + |(1 − F_back ρ)⁻¹|) (1 + |f₋|), to first order.
 
-    With a patterned part behind, (1 + |f₊ on it|)² on top of that.
+    x (size,): numbers of the parts. With a patterned part behind, (1 + |f₊ on it|)² on top of that.
     """
     columns = s.n + 2
     rho, onwards = patterned(s, x, u, v) if s.patterned else homogeneous(s, u, v)

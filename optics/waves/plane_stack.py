@@ -219,7 +219,7 @@ def response(
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def reflected(index: Complexes, depth: Floats, s: float) -> tuple[complex, complex]:
-    """Amplitudes r_s, r_p of a coherent stack."""
+    """Amplitudes r_s, r_p of a coherent stack: index (n + 2,) of layers and half-spaces, depth (n,)."""
     of_s, of_p = _carried(index, depth, 0, depth.size + 1, s, True, True)
     y_s, y_p = face(index[0], s, False), face(index[0], s, True)
     r_s = (y_s * of_s[0] - of_s[1]) / (y_s * of_s[0] + of_s[1])
@@ -230,7 +230,7 @@ def reflected(index: Complexes, depth: Floats, s: float) -> tuple[complex, compl
 def pressure(
     index: Complexes, depth: Floats, coherent: Integers, s: float, share: float
 ) -> tuple[float, float, float]:
-    """Q along k_t, q along n, and absorptance of light from the front.
+    """Q along k_t, q along n, and absorptance of light from the front; index (n + 2,), depth and coherent (n,).
 
     Momentum balance with the specular orders alone: A s along, w(1 + R) − w' T across (`optics.waves.momentum`). Light
     that enters an absorbing half-space stays there, its momentum and its power.

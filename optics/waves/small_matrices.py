@@ -59,7 +59,7 @@ def eliminate(a: Complexes, b: Complexes) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def product(a: Complexes, b: Complexes) -> Complexes:
-    """The product of two matrices."""
+    """The product of two matrices, (n, k) and (k, m)."""
     out = np.zeros((a.shape[0], b.shape[1]), np.complex128)
     for i in range(a.shape[0]):
         for k in range(a.shape[1]):
@@ -70,7 +70,7 @@ def product(a: Complexes, b: Complexes) -> Complexes:
 
 @numba.njit(cache=True, error_model="numpy")
 def norm(a: Complexes) -> float:
-    """Root of the sum of all |a|²."""
+    """Root of the sum of all |a|², a (n, m)."""
     total = 0.0
     for i in range(a.shape[0]):
         for j in range(a.shape[1]):
@@ -80,7 +80,7 @@ def norm(a: Complexes) -> float:
 
 @numba.njit(cache=True, error_model="numpy")
 def unit(n: int) -> Complexes:
-    """The unit matrix."""
+    """The unit matrix (n, n)."""
     out = np.zeros((n, n), np.complex128)
     for i in range(n):
         out[i, i] = 1.0

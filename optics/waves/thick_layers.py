@@ -49,7 +49,7 @@ class Setup(NamedTuple):
 
 @numba.njit(cache=True, error_model="numpy")
 def setup(numbers: Floats, flags: Integers) -> Setup:
-    """From numbers (pitch, front, index as Re and Im, depth) and flags: how many media, then as in `Setup`."""
+    """From numbers (n,): pitch, front, index as Re and Im, depth; and flags (m,): how many media, then as `Setup`."""
     m = flags[0]
     return Setup(
         numbers[0], numbers[1], numbers[2 : 2 + 2 * m].view(np.complex128), numbers[2 + 2 * m : 1 + 3 * m], flags[1],
@@ -127,7 +127,7 @@ def _put(out: Complexes, m: int, a: float, b: float, of_s: complex, of_p: comple
 
 @numba.njit(cache=True, error_model="numpy")
 def matrix(x: Floats, at: int, rows: int, columns: int, first: int, count: int) -> Complexes:
-    """Columns first … first + count of a matrix held as Re and Im, row by row, from x[at] on."""
+    """Columns first … first + count, (rows, count), of a matrix held as Re and Im, row by row, from x[at] on."""
     out = np.empty((rows, count), np.complex128)
     for i in range(rows):
         for j in range(count):

@@ -30,9 +30,9 @@ def flown(scene: Scene, folder: Path) -> tuple[list[np.ndarray], int]:
     flight.step = flight.model.release
     flight.state.x[2] += 0.01 * flight.state.x[0]
     steps(flight, 200)
-    parts = [flight.model.tethers, flight.work.tethers]
+    parts = [flight.model.effects.tethers, flight.work.effects.tethers]
     size = sum(array.size for part in parts for _, array in leaves(part))
-    return [*flight.state], size + flight.model.holder.nodes.size
+    return [*flight.state], size + flight.model.effects.held.nodes.size
 
 
 @pytest.mark.parametrize("effect", ["held", "payload"])

@@ -22,6 +22,7 @@ import pytest
 from beamrider.io.files import read_json, write_lines
 from beamrider.io.parquet import write_parquet
 from dynamics import mesh as mesh_command
+from dynamics.membrane import plan
 from dynamics.membrane import stage as membrane_stage
 from dynamics.rigid import basin
 from dynamics.rigid import stage as rigid

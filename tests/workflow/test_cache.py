@@ -35,7 +35,6 @@ def copy(folder: Path) -> Path:
     for name in ("Snakefile", "constraints.txt"):
         shutil.copy(ROOT / name, folder)
     (folder / "profiles").symlink_to("workflow/profiles")
-    (folder / "tests").mkdir()
     scene = read_scene(ROOT / "workflow/scenes/fig6.yaml").model_dump(exclude_none=True, mode="json")
     for sector in scene["sail"]["sectors"]:
         sector["design"] = "si43"
@@ -192,12 +191,12 @@ def test_a_scene_dropped_from_the_configuration_makes_the_report_anew(done, chan
 
 def test_results_tell_what_made_them(done):
     said = subprocess.run(
-        [sys.executable, "-m", "beamrider.show", "show", TABLE, STABLE, "results/figures/multipliers.png",
+        [sys.executable, "-m", "beamrider.show", TABLE, STABLE, "results/figures/multipliers.png",
          "results/figures/multipliers.svg", "results/contents.sha256"],
         cwd=done, capture_output=True, text=True, check=True,
     ).stdout
     programs = re.findall(r"^  program: (\S+)", said, re.M)
-    assert programs == ["optics.thin_film", "dynamics.floquet", *["workflow/figures/multipliers.py"] * 2]
+    assert programs == ["optics.thin_film", "dynamics.floquet", *["workflow.figures.multipliers"] * 2]
     assert said.count("(as here)") == 8
     assert re.search(r"^  input: si43.yaml sha256 [0-9a-f]{64}$", said, re.M)
     assert "  rule: contents" in said

@@ -2,10 +2,10 @@
 
 import contextlib
 import csv
+import importlib
 import io
 import json
 import re
-import runpy
 import sys
 from pathlib import Path
 
@@ -14,9 +14,9 @@ import pandas as pd
 import pytest
 from matplotlib.image import imread
 
-from beamrider.io.files import read_json, write_json
+from beamrider.io.files import read_json, run_stage, write_json
 from beamrider.io.parquet import write_parquet
-from dynamics.membrane import flight as membrane
+from dynamics.membrane import stage as membrane
 from dynamics.rigid import basin
 from dynamics.rigid import stage as rigid
 from dynamics.stability import floquet, maps
@@ -67,13 +67,12 @@ def results(tmp_path_factory) -> Path:
 
 
 def _run(script, *arguments):
-    """Exit code and standard error of a script, run in this process: imports are most of a figure's time."""
-    path, error, code = ROOT / "workflow" / f"{script}.py", io.StringIO(), 0
+    """Exit code and standard error of a program, run in this process: imports are most of a figure's time."""
+    module, error, code = importlib.import_module(f"workflow.{script}"), io.StringIO(), 0
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stderr(error):
-        patch.setattr(sys, "argv", [str(path), *map(str, arguments)])
-        patch.syspath_prepend(path.parent)
+        patch.setattr(sys, "argv", [script, *map(str, arguments)])
         try:
-            runpy.run_path(str(path), run_name="__main__")
+            run_stage(module.main)
         except SystemExit as end:
             code = end.code
     return code, error.getvalue()
@@ -84,7 +83,7 @@ def drawn(tmp_path):
     """A function that runs a figure's script and returns the text of its SVG, once both files hold a picture."""
     def run(script, *arguments):
         png, svg = tmp_path / "figure.png", tmp_path / "figure.svg"
-        assert _run(f"figures/{script}", *arguments, "--out", png, "--svg", svg) == (0, "")
+        assert _run(f"figures.{script}", *arguments, "--out", png, "--svg", svg) == (0, "")
         image = imread(png)
         assert min(image.shape[:2]) > 500
         assert np.ptp(image[..., :3], axis=(0, 1)).min() > 0.5
@@ -288,7 +287,7 @@ def test_the_summary_has_rows_of_every_kind(results, tmp_path):
     stages = [_benchmark(tmp_path / "tables/te" / name) for name in ("fdtd.tsv", "fdtd/part1.tsv", "fdtd/part2.tsv")]
     out = tmp_path / "summary.csv"
     given = ("--tables", *tables, "--floquet", *analyses, "--flights", *flights, "--benchmarks", *stages)
-    assert _run("figures/summary", *given, "--out", out, "--html", tmp_path / "summary.html") == (0, "")
+    assert _run("figures.summary", *given, "--out", out, "--html", tmp_path / "summary.html") == (0, "")
     rows = {tuple(row[:3]): row[3:] for row in csv.reader(out.open(encoding="utf-8"))}
     (rate, unit) = rows["stability", "still, modal tables", "largest growth rate"]
     exponents = json.loads((results / "scenes/still/floquet.json").read_text())["exponents_1_s"]

@@ -25,9 +25,8 @@ def _snakemake(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory) -> Path:
-    """A copy of the project with a scene of films alone; it lacks the tests, but for an empty folder."""
+    """A copy of the project with a scene of films alone; it lacks the tests."""
     folder = _copy(tmp_path_factory.mktemp("program"))
-    (folder / "tests").mkdir()
     scene = read_scene(ROOT / "workflow/scenes/fig6.yaml").model_dump()
     for sector in scene["sail"]["sectors"]:
         sector["design"] = "si43"

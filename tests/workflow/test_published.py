@@ -2,8 +2,8 @@
 
 import contextlib
 import csv
+import importlib
 import io
-import runpy
 import sys
 from pathlib import Path
 
@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from beamrider.io.files import InputError
+from beamrider.io.files import InputError, run_stage
 from dynamics.membrane import flight as membrane
 from dynamics.membrane import stage, summary
 from dynamics.membrane.build import build
 from dynamics.scene.schema import Scene, read_scene
 from tests.membranes import altered
 from tests.synthetic import smooth_tables
+from workflow.figures.flight_result import _widening
 from workflow.published import as_flown, read_published
 
 ROOT = Path(__file__).parents[2]
@@ -27,12 +28,11 @@ PUBLISHED = read_published(ROOT / "workflow" / "published.yaml")
 
 def _script(name, *arguments):
     """Run a script of workflow/figures in this process; what it prints to standard error."""
-    path, error = ROOT / "workflow" / "figures" / f"{name}.py", io.StringIO()
+    module, error = importlib.import_module(f"workflow.figures.{name}"), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stderr(error):
-        patch.setattr(sys, "argv", [str(path), *map(str, arguments)])
-        patch.syspath_prepend(path.parent)
+        patch.setattr(sys, "argv", [name, *map(str, arguments)])
         patch.chdir(ROOT)
-        runpy.run_path(str(path), run_name="__main__")
+        run_stage(module.main)
     return error.getvalue()
 
 
@@ -98,10 +98,9 @@ def flights(tmp_path_factory):
         (lambda t: 0.05 * np.exp(0.8 * t), 1.25 + np.log(2.0) / 0.8),
     ],
 )
-def test_only_swings_that_grow_are_called_growing(monkeypatch, distance, start):
-    monkeypatch.syspath_prepend(ROOT / "workflow" / "figures")
+def test_only_swings_that_grow_are_called_growing(distance, start):
     t = np.linspace(0.0, 5.0, 2001)
-    found = runpy.run_path(str(ROOT / "workflow" / "figures" / "flown.py"))["_widening"](distance(t), 0.4)
+    found = _widening(distance(t), 0.4)
     assert found is None if start is None else t[found] == pytest.approx(start, abs=5e-3)
 
 

@@ -2,7 +2,7 @@
 
 Error of q_g and q_n against the modal method with ±120 orders; the time of a pair is that of both of its runs.
 
-    python workflow/benchmarks/accuracy_fdtd.py --out accuracy_fdtd.csv
+    python -m workflow.benchmarks.accuracy_fdtd --out accuracy_fdtd.csv
 """
 
 from __future__ import annotations
@@ -12,8 +12,6 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 
 import numpy as np
-from plain_meep import plain, pressure
-from rows import CELLS, DESIGNS, Row, directions, write_measured
 
 from beamrider.io.files import progress, run_stage
 from optics.cells.schema import Metagrating, read_metagrating
@@ -21,6 +19,8 @@ from optics.fdtd.direction import extrapolate
 from optics.fdtd.grid import pixels
 from optics.fdtd.run import import_meep
 from optics.modal.lamellar import solve
+from workflow.benchmarks.plain_meep import plain, pressure
+from workflow.benchmarks.rows import CELLS, DESIGNS, Row, directions, write_measured
 
 RESOLUTIONS = (7.45, 10.65, 14.9, 21.3, 29.8)  # pixels per wavelength in the material
 TRUTH = 120
@@ -53,5 +53,10 @@ def rows() -> Iterator[Row]:
             yield Row(solver, name, where, setting, float(np.abs(q - truth).max()), spent)
 
 
+def main() -> None:
+    """Measure and write."""
+    write_measured(__doc__, rows())
+
+
 if __name__ == "__main__":
-    run_stage(lambda: write_measured(__doc__, rows()))
+    run_stage(main)

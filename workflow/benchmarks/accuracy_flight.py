@@ -1,6 +1,6 @@
 """Error against time of flexible flights: mesh, time step, scheme, intervals, elasticity and tables, one at a time.
 
-    python workflow/benchmarks/accuracy_flight.py --scene workflow/scenes/fig6.yaml --tables "modal 1e-3=te.h5,tm.h5" \
+    python -m workflow.benchmarks.accuracy_flight --scene workflow/scenes/fig6.yaml --tables "modal 1e-3=te.h5,tm.h5" \
         "modal 1e-2=te2.h5,tm2.h5" --out accuracy_flight.csv --markdown flight.md --png accuracy_flight.png
 
 The first 50 ms of a flight, with light and heat renewed every 16 steps. Rings are compared with the finest mesh, tables
@@ -17,17 +17,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
-from flown_rows import COROTATING, Run, Tables, changed, flown, write_flown
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from beamrider.io.files import atomic, progress, run_stage
 from dynamics.membrane.build import build
 from dynamics.scene.schema import Scene
+from workflow.benchmarks.flight_rows import COROTATING, Run, Tables, changed, flown, write_rows
 
 mpl.use("Agg")
-import matplotlib.pyplot as plt
-from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator, NullFormatter
 
 DURATION = 0.05
 RINGS, FINEST = 10, 30
@@ -170,5 +170,10 @@ def draw(path: Path, found: list[Row], title: str) -> None:
     plt.close(figure)
 
 
+def main() -> None:
+    """Measure and write."""
+    write_rows(__doc__, rows, markdown, draw)
+
+
 if __name__ == "__main__":
-    run_stage(lambda: write_flown(__doc__, rows, markdown, draw))
+    run_stage(main)

@@ -4,24 +4,25 @@ Gratings: one direction solved by itself, error against ±120 orders; a row of a
 that its directions cost far less. Films: 1,000 angles of incidence of a 20-layer stack, error against 50-digit
 arithmetic at a few of them.
 
-    python workflow/benchmarks/accuracy_modal.py --out accuracy_modal.csv
+    python -m workflow.benchmarks.accuracy_modal --out accuracy_modal.csv
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from itertools import chain
 
-import meent_solver
 import mpmath
 import numpy as np
 import tmm
-from rows import CELLS, DESIGNS, Row, directions, seconds, write_measured
 
 from beamrider.io.files import run_stage
 from optics.cells.schema import read_metagrating
 from optics.modal import stage as modal
 from optics.thin_film import stage as thin_film
+from workflow.benchmarks import meent_solver
+from workflow.benchmarks.rows import CELLS, DESIGNS, Row, directions, seconds, write_measured
 
 ORDERS = (6, 8, 10, 12, 15, 18, 22, 27, 33, 40, 50, 60)
 TRUTH = 120
@@ -41,11 +42,11 @@ def gratings() -> Iterator[Row]:
             truth = modal.solve(cell, *one, TRUTH).q
             for order in ORDERS:
                 error = float(np.abs(modal.solve(cell, *one, order).q - truth).max())
-                alone = seconds(lambda n=order, x=one, c=cell: modal.solve(c, *x, n))
-                row = seconds(lambda n=order, x=one[0], c=cell: modal.solve(c, x, TABLE_V, n)) / TABLE_V.size
+                alone = seconds(partial(modal.solve, cell, *one, order))
+                row = seconds(partial(modal.solve, cell, one[0], TABLE_V, order)) / TABLE_V.size
                 yield Row("modal", name, where, f"±{order}", error, alone)
                 yield Row("modal, in a table", name, where, f"±{order}", error, row)
-                theirs = seconds(lambda n=order, d=(u, v), c=cell: meent_solver.solve(c, [d], n))
+                theirs = seconds(partial(meent_solver.solve, cell, [(u, v)], order))
                 yield Row("meent", name, where, f"±{order}", error, theirs)
 
 
@@ -83,5 +84,10 @@ def films() -> Iterator[Row]:
             yield Row(solver, "20 layers", polarisation, "double precision", error, spent)
 
 
+def main() -> None:
+    """Measure and write."""
+    write_measured(__doc__, chain(gratings(), films()))
+
+
 if __name__ == "__main__":
-    run_stage(lambda: write_measured(__doc__, chain(gratings(), films())))
+    run_stage(main)

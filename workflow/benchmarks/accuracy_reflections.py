@@ -1,6 +1,6 @@
 """Error of the light that a curved sail throws on itself, against rays per triangle and rings, and time of a trace.
 
-    python workflow/benchmarks/accuracy_reflections.py --scene workflow/scenes/fig4_reflections.yaml --tables si43.h5 \
+    python -m workflow.benchmarks.accuracy_reflections --scene workflow/scenes/fig4_reflections.yaml --tables si43.h5 \
         --out reflections.csv --markdown reflections.md
 
 The sail at rest in its first shape, at the offset of its release. Compared are the force of all light along and across
@@ -24,7 +24,7 @@ import numpy as np
 from beamrider.io.files import atomic, progress, run_stage
 from dynamics.membrane.effects import reflections
 from dynamics.membrane.flight import Flight
-from dynamics.membrane.layout import rows as stencil
+from dynamics.membrane.layout.rows import patch
 from dynamics.membrane.output import record
 from dynamics.membrane.stepping import step, threads
 from dynamics.sail.sectors import load_tables
@@ -74,19 +74,19 @@ def trace(scene: Scene, tables: dict[str, PressureTable]) -> Trace:
         flight = Flight(scene, tables, Path(folder))
     model, work, state = flight.model, flight.work, flight.state
     state.x[:2] += np.array(scene.release.offset_m)[:, None]
-    lit, rows = model.end + int(scene.beam.rise_s / model.dt) + 1, np.empty((3, record.WIDTH))
-    step.run(model, state, work, lit, lit, True, rows)
+    lit, found = model.end + int(scene.beam.rise_s / model.dt) + 1, np.empty((3, record.WIDTH))
+    step.run(model, state, work, lit, lit, True, found)
     at = record.COLUMNS["force"]
-    force = rows[0, at : at + 3].copy()
+    force = found[0, at : at + 3].copy()
     hottest = balance(flight).max()
-    seconds = []
+    seconds, own, now = [], model.effects, work.effects
     for _ in range(3):
         # The patch was worked in since: a row takes it, too
-        threads.respond_all(model.light, work.light, state.x, work.broken.gone, model.stencil, work.stencil)
+        threads.respond_all(own.light, now.light, state.x, now.tearing.gone, model.stencil, work.stencil)
         begin = time.process_time()
         reflections.bounce(
-            model.mirror, work.mirror, model.light, work.light, stencil.patch(work.stencil.scratch, 0), state.x,
-            work.broken.gone, 0.0,
+            own.reflections, now.reflections, own.light, now.light, patch(work.stencil.scratch, 0), state.x,
+            now.tearing.gone, 0.0,
         )
         seconds.append(time.process_time() - begin)
     return Trace(force, float(hottest), min(seconds))
@@ -94,10 +94,10 @@ def trace(scene: Scene, tables: dict[str, PressureTable]) -> Trace:
 
 def balance(flight: Flight) -> np.ndarray:
     """Temperature (t,) in K of the triangles where each node emits what it absorbs."""
-    mesh, emission = flight.membrane.mesh, flight.model.heat.emission
+    mesh, emission = flight.membrane.mesh, flight.model.effects.heat.emission
     corners = mesh.triangles.ravel()
     absorbed, emitted = (
-        np.bincount(corners, np.repeat(x, 3)) for x in (flight.work.light.absorbed, 3.0 * emission * mesh.areas)
+        np.bincount(corners, np.repeat(x, 3)) for x in (flight.work.effects.light.absorbed, 3.0 * emission * mesh.areas)
     )
     return np.asarray(((absorbed / emitted) ** 0.25)[mesh.triangles].mean(axis=1))
 

@@ -1,6 +1,6 @@
 """Error against time of rigid flights: integration tolerance, quadrature, spacing and source of the tables, one by one.
 
-    python workflow/benchmarks/accuracy_rigid.py --scene workflow/scenes/fig6.yaml --tables "modal 1e-3=te.h5,tm.h5" \
+    python -m workflow.benchmarks.accuracy_rigid --scene workflow/scenes/fig6.yaml --tables "modal 1e-3=te.h5,tm.h5" \
         "modal 1e-2=te2.h5,tm2.h5" --out rigid.csv --markdown rigid.md --png rigid.png
 
 The error of a trajectory is the distance, at 1 s, across the beam from the best flight: tolerance 1e-13,
@@ -19,17 +19,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
-from flown_rows import Tables, write_flown
 
 from beamrider.io.files import atomic, run_stage
 from dynamics.rigid import stage as rigid
 from dynamics.scene.schema import Scene
 from dynamics.stability import floquet
 from optics.table.pressure_table import PressureTable
+from workflow.benchmarks.flight_rows import Tables, write_rows
 
 mpl.use("Agg")
-import matplotlib.pyplot as plt
 
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 QUADRATURES = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-11)
@@ -159,5 +159,10 @@ def draw(path: Path, found: list[Row], title: str) -> None:
     plt.close(figure)
 
 
+def main() -> None:
+    """Measure and write."""
+    write_rows(__doc__, rows, markdown, draw)
+
+
 if __name__ == "__main__":
-    run_stage(lambda: write_flown(__doc__, rows, markdown, draw))
+    run_stage(main)

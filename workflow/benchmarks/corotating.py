@@ -1,6 +1,6 @@
 """Cost and error of the co-rotating scheme against explicit flight, by rings and time step.
 
-    python workflow/benchmarks/corotating.py --scene workflow/scenes/fig6.yaml --tables te.h5 tm.h5 --out corotating.csv
+    python -m workflow.benchmarks.corotating --scene workflow/scenes/fig6.yaml --tables te.h5 tm.h5 --out corotating.csv
 
 Flown are the first 20 ms. Errors are the largest after the release against half of the explicit step with light and
 heat renewed in every step: of the place across the beam, of the tilt (both angles), of the peak temperature, and of the
@@ -17,13 +17,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from flown_rows import COROTATING, BeyondScheme, Run, Tables, changed, flown
-from rows import write
-
 from beamrider.io.files import progress, run_stage
 from dynamics.membrane.build import build
 from dynamics.sail.sectors import load_tables
 from dynamics.scene.schema import Scene, read_scene
+from workflow.benchmarks.flight_rows import COROTATING, BeyondScheme, Run, Tables, changed, flown
+from workflow.benchmarks.rows import write
 
 DURATION = 0.02
 RINGS = (10, 20, 30, 60)

@@ -5,7 +5,7 @@ The paper's cells and random ones of dielectric (periods 0.8 to 2.5 wavelengths,
 each with the number of orders chosen for an error of 1e-3, at random directions: the estimate against the error itself,
 taken from far more orders, in the cell's own polarisation and in any.
 
-    python workflow/benchmarks/error_estimate.py [--cells 20] [--metals 20] [--seed 1] [--tolerance 1e-3]
+    python -m workflow.benchmarks.error_estimate [--cells 20] [--metals 20] [--seed 1] [--tolerance 1e-3]
 """
 
 from __future__ import annotations
@@ -13,13 +13,14 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
-from rows import CELLS, DESIGNS
 from threadpoolctl import threadpool_limits
 
+from beamrider.io.files import run_stage
 from optics.cells.schema import LamellarStack, Metagrating, read_metagrating
 from optics.modal.lamellar import solve
 from optics.modal.limit import without_limit
 from optics.modal.truncation import change, choose
+from workflow.benchmarks.rows import CELLS, DESIGNS
 
 WAVELENGTH = 1064.0
 SMALLEST = 40.0
@@ -118,4 +119,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

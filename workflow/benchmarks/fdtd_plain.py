@@ -5,7 +5,7 @@ the largest error there (second order in the pixel) follows the resolution that 
 error of the table, and from the time (third order) what it would take for 51 × 26 directions, v → −v being a mirror.
 What the table takes is measured likewise: directions drawn from its own are solved again. All times are CPU seconds.
 
-    python workflow/benchmarks/fdtd_plain.py --modal modal.h5 --fdtd fdtd.h5
+    python -m workflow.benchmarks.fdtd_plain --modal modal.h5 --fdtd fdtd.h5
 """
 
 from __future__ import annotations
@@ -15,8 +15,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-from plain_meep import plain, pressure
-from rows import DESIGNS
 from threadpoolctl import threadpool_limits
 
 from beamrider.io.files import run_stage, validate
@@ -26,6 +24,8 @@ from optics.fdtd.grid import FdtdSettings
 from optics.fdtd.run import import_meep
 from optics.modal.lamellar import solve
 from optics.table.pressure_table import PressureTable
+from workflow.benchmarks.plain_meep import plain, pressure
+from workflow.benchmarks.rows import DESIGNS
 
 RESOLUTIONS = (14.9, 21.3)
 SIDE, ORDER = 51, 40

@@ -4,7 +4,7 @@ The baselines run in the same process: a plain compiled loop over the edges, and
 neighbours. Times are CPU times of one thread, the best of several; those by threads are wall times. Each effect that is
 off is timed in turn with a sail that has not what it needs.
 
-    python workflow/benchmarks/flight_speed.py --out flight_speed [--rings 30] [--largest 200] [--tables TE.h5 TM.h5]
+    python -m workflow.benchmarks.flight_speed --out flight_speed [--rings 30] [--largest 200] [--tables TE.h5 TM.h5]
 
 writes flight_speed.csv and flight_speed.png (the roofline).
 """
@@ -23,16 +23,16 @@ from typing import Any
 import matplotlib
 import numba
 import numpy as np
-from rows import seconds as best
 
 from beamrider.io.files import atomic, run_stage
 from dynamics.membrane.flight import Flight
-from dynamics.membrane.layout import rows as stencil
+from dynamics.membrane.layout import rows
 from dynamics.membrane.output.record import WIDTH
 from dynamics.membrane.stepping.step import run
 from dynamics.membrane.stepping.threads import sweep_all
 from dynamics.scene.schema import Scene, read_scene
 from optics.table.pressure_table import PressureTable
+from workflow.benchmarks.rows import seconds as best
 
 SCENES = Path(__file__).parents[1] / "scenes"
 #: How often flights that are compared are set up.
@@ -78,7 +78,7 @@ def over_nodes(x: Any, neighbours: Any, k: Any, free: Any, force: Any) -> None:
 
 def padded(flight: Flight) -> tuple[Any, Any, Any]:
     """Neighbours, stiffness and free length (d, n) of every node; a node is its own neighbour where it has none."""
-    springs, n = flight.model.springs, flight.model.masses.size
+    springs, n = flight.model.effects.springs, flight.model.masses.size
     found: list[list[tuple[int, float, float]]] = [[] for _ in range(n)]
     for a, b, k, rest in zip(*(v.tolist() for v in springs[:4]), strict=True):
         found[a].append((b, k, rest))
@@ -135,12 +135,12 @@ def elements(base: Scene, rings: int) -> list[tuple[str, float]]:
     net, film = (started(dark(base, rings, stiffness=kind), {}) for kind in ("van_gelder", "triangles"))
     m, w, x = net.model, net.work, net.state.x
     out, lists = np.empty_like(x), padded(net)
-    a = m.springs
+    a, free = m.effects.springs, w.effects.springs.free
     quickest = partial(best, repeats=REPEATS)
-    still = stencil.Pace(False, 0.0, 0.0, 0.0, 0.0)
+    still = rows.StepTimes(False, 0.0, 0.0, 0.0, 0.0)
     p, q = film.model, film.work
     return [
-        ("springs, plain loop over edges", quickest(lambda: over_edges(x, a.start, a.end, a.stiffness, w.free, out))),
+        ("springs, plain loop over edges", quickest(lambda: over_edges(x, a.start, a.end, a.stiffness, free, out))),
         ("springs, padded lists of neighbours", quickest(lambda: over_nodes(x, *lists, out))),
         ("springs, stencil", quickest(lambda: sweep_all(m.stencil, w.stencil, 0, still))),
         ("triangles, stencil", quickest(lambda: sweep_all(p.stencil, q.stencil, 0, still))),

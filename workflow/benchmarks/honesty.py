@@ -7,7 +7,7 @@ Printed for each cell: what the command said, the share of the directions within
 error, and where that is over ten times the true one. SILENT marks a cell that is said to be met and is not. Cells that
 are forecast to take longer than --most-minutes are refused by the command line, in its own words.
 
-    python workflow/benchmarks/honesty.py [--seed 1] [--cells 60] [--tolerance 1e-2] [--most-minutes 5] [--out FILE]
+    python -m workflow.benchmarks.honesty [--seed 1] [--cells 60] [--tolerance 1e-2] [--most-minutes 5] [--out FILE]
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from beamrider.io.files import atomic, progress
+from beamrider.io.files import atomic, progress, run_stage
 from optics.cells.outline import Grating, is_upright, upright
 from optics.cells.schema import ThinFilm, read_cell
 from optics.modal.stage import solve
@@ -248,4 +248,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

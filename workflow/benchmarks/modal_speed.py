@@ -5,25 +5,29 @@ errors: those that `optics.modal` chooses for 1e-3. `meent` (NumPy, its continuo
 exact setting here) is timed on random directions of the table and scaled to all of them. One core, one thread; times
 are CPU times, the best of several.
 
-    python workflow/benchmarks/modal_speed.py [--directions 60]
+    python -m workflow.benchmarks.modal_speed [--directions 60]
 """
 
 from __future__ import annotations
 
 import argparse
+from functools import partial
 
-import meent_solver
 import numpy as np
-from rows import CELLS, DESIGNS, seconds
 from threadpoolctl import threadpool_limits
 
+from beamrider.io.files import run_stage
 from optics.cells.schema import Metagrating, read_metagrating
 from optics.modal.lamellar import solve
 from optics.modal.truncation import choose
+from workflow.benchmarks import meent_solver
+from workflow.benchmarks.rows import CELLS, DESIGNS, seconds
 
 RANGE = 0.4227
 TOLERANCE = 1e-3
 NEGLIGIBLE = 1e-2 * TOLERANCE  # as in `optics.modal`
+#: Orders that the growth is measured at, and directions a side of a large table.
+ORDERS, LARGE = (10, 15, 22, 33, 50, 75), 201
 
 
 def against_meent(cell: Metagrating, count: int) -> str:
@@ -44,16 +48,16 @@ def against_meent(cell: Metagrating, count: int) -> str:
 
 
 def growth(cell: Metagrating) -> list[str]:
-    """How the cost grows with orders and with directions, and a table of 201 × 201."""
+    """How the cost grows with orders and with directions, and a large table."""
     v = np.linspace(0.0, RANGE, 26)
     lines = ["orders   ms for one u and 26 v   ms for one u and one v"]
-    for order in (10, 15, 22, 33, 50, 75):
-        row, one = (seconds(lambda x=x, n=order: solve(cell, np.array([0.1]), x, n)) for x in (v, v[3:4]))
+    for order in ORDERS:
+        row, one = (seconds(partial(solve, cell, np.array([0.1]), x, order)) for x in (v, v[3:4]))
         lines.append(f"{order:6d} {1e3 * row:22.1f} {1e3 * one:24.1f}")
-    u, v = np.linspace(-RANGE, RANGE, 201), np.linspace(0.0, RANGE, 101)
+    u, v = np.linspace(-RANGE, RANGE, LARGE), np.linspace(0.0, RANGE, LARGE // 2 + 1)
     order = choose(cell, RANGE, RANGE, TOLERANCE).order
     large = seconds(lambda: solve(cell, u, v, order, NEGLIGIBLE), 1)
-    lines.append(f"201 × 201 directions at ±{order} orders: {large:.1f} s")
+    lines.append(f"{LARGE} × {LARGE} directions at ±{order} orders: {large:.1f} s")
     return lines
 
 
@@ -70,4 +74,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
+from optics.cells.schema import Metagrating
 from optics.fdtd import efficiencies as fdtd_efficiencies
 from optics.fdtd.direction import values
 from optics.fdtd.grid import FdtdSettings, pixels
@@ -27,6 +28,8 @@ class PlainRun(Run):
 
     def _geometry(self, media: Media) -> list[Any]:
         mp, cell, grid = self.mp, self.cell, self.grid
+        if not isinstance(cell, Metagrating):
+            raise TypeError(f"{cell.name}: only metagratings are given as blocks")
         medium = mp.Medium(epsilon=cell.index.permittivity.real)
         membrane, height = cell.membrane_nm / 1000, cell.ridge_height_nm / 1000
         low = grid.y_bottom + 1e-3 * grid.pixel  # a face exactly on a grid point is averaged by chance
@@ -38,15 +41,9 @@ class PlainRun(Run):
         return blocks
 
 
-@contextmanager
-def plain() -> Iterator[None]:
+def plain() -> AbstractContextManager[Any]:
     """Within it, `efficiencies` are those of plain Meep."""
-    ours = fdtd_efficiencies.Run
-    fdtd_efficiencies.Run = PlainRun
-    try:
-        yield
-    finally:
-        fdtd_efficiencies.Run = ours
+    return patch.object(fdtd_efficiencies, "Run", PlainRun)
 
 
 def pressure(cell: Any, u: float, v: float, resolution: float) -> np.ndarray:

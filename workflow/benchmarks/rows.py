@@ -77,4 +77,4 @@ def read(path: Path) -> list[Row]:
     """Rows of a CSV file that `write` made."""
     with path.open(newline="", encoding="utf-8") as file:
         texts = [[row[name] for name in Row._fields] for row in csv.DictReader(file)]
-    return [Row(*text[:4], float(text[4]), float(text[5])) for text in texts]
+    return [Row(a, b, c, d, float(error), float(spent)) for a, b, c, d, error, spent in texts]

@@ -3,7 +3,7 @@
 Interpolation: against the solver with the table's own number of orders at every direction. In all: against ±60 orders
 at a tenth of them. The table's own error estimate is taken at the nearest node.
 
-    python workflow/benchmarks/table_error.py [--cells mark1e_te mark1e_tm wide_gap_te wide_gap_tm]
+    python -m workflow.benchmarks.table_error [--cells mark1e_te mark1e_tm wide_gap_te wide_gap_tm]
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
-from rows import DESIGNS, seconds
 from threadpoolctl import threadpool_limits
 
+from beamrider.io.files import run_stage
 from optics.cells.schema import Metagrating, read_metagrating
 from optics.modal.stage import make_table, solve
 from optics.table.pressure_table import PressureTable
+from workflow.benchmarks.rows import DESIGNS, seconds
 
 RANGE, TOLERANCE, TRUTH = 0.4227, 1e-3, 60
 ROWS, LINES = 2000, 5
@@ -63,4 +64,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

@@ -2,7 +2,7 @@
 
 In batches, as flexible sails look theirs up, and one by one, as rigid sails do: there each waits for the one before.
 
-    python workflow/benchmarks/table_lookup.py TABLE.h5
+    python -m workflow.benchmarks.table_lookup TABLE.h5
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Floats
+from beamrider.io.files import run_stage
 from optics.table.lookup import TableArrays, lookup, lookup_many, lookup_slopes_many
 from optics.table.pressure_table import PressureTable
 
@@ -35,7 +36,7 @@ def nanoseconds(function: Callable[..., Any], *arguments: Any) -> float:
     return best / DIRECTIONS * 1e9
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=False)  # what is kept of it would not know of another `lookup`
 def one_by_one(arrays: TableArrays, u: Floats, v: Floats) -> float:
     """Sum of q_g, each look-up in need of the one before."""
     q = 0.0
@@ -60,4 +61,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_stage(main)

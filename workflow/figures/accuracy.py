@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from drawing import COLOURS, parser, plt, save
+import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamrider.io.files import atomic, run_stage
-
-sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
-from rows import (  # type: ignore[import-not-found]
-    Row,
-    read,
-    write,
-)
+from workflow.benchmarks.rows import Row, read, write
+from workflow.figures.drawing import COLOURS, parser, save
 
 GOALS = (1e-2, 1e-3, 1e-4)
 MARKERS = "osD^vP*Xh"

@@ -6,12 +6,15 @@ import json
 from pathlib import Path
 from typing import Any
 
-from drawing import np, parser, plt, save
+import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamrider.io.files import InputError, reading, run_stage
 from beamrider.io.hdf5 import read_hdf5
+from dynamics.light.beam import Beam
+from workflow.figures.drawing import parser, save
 
 TITLES = {"sail_frame": "incidence seen by the sail", "yaw_blind": "incidence of the paper, blind to yaw"}
 
@@ -56,7 +59,7 @@ def draw(maps: list[dict[str, Any]], names: list[str]) -> Figure:
         lost: Any = np.ma.masked_array(data["end_time"], bounded)
         _panel(top, data, lost, "time to the loss (s), grey: bounded", data["grid"]["duration_s"], "viridis")
         distance: Any = np.ma.masked_array(100 * data["distance_max"], ~bounded)
-        limit = 100 * (data["grid"]["limit_m"] or data["scene"]["beam"]["radius_m"])
+        limit = 100 * (data["grid"]["limit_m"] or Beam.model_validate(data["scene"]["beam"]).reach_m)
         _panel(bottom, data, distance, "largest distance (cm), grey: lost", limit, "magma_r")
     return figure
 

@@ -7,11 +7,12 @@ import io
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
-from drawing import BLUE, ORANGE, parser, plt, save
 from matplotlib.figure import Figure
 
 from beamrider.io.files import atomic, read_json, run_stage
+from workflow.figures.drawing import BLUE, ORANGE, parser, save
 
 MODELS = {"yaw_blind": "yaw-blind", "sail_frame": "true"}
 RELEASES = {"displaced": "displaced", "tilted": "displaced and tilted"}
@@ -196,7 +197,7 @@ def main() -> None:
     """Gather the studies of all cases."""
     arguments = parser(__doc__)
     arguments.add_argument("--studies", required=True, nargs="+", type=Path, help="JSON of each case and incidence")
-    arguments.add_argument("--heat", type=Path, help="JSON of workflow/heat.py: what the light taken up does")
+    arguments.add_argument("--heat", type=Path, help="JSON of workflow.heat: what the light taken up does")
     arguments.add_argument("--csv", required=True, type=Path, help="table to write")
     arguments.add_argument("--markdown", required=True, type=Path, help="table and conclusions to write")
     given = arguments.parse_args()

@@ -8,6 +8,7 @@ from typing import Any
 
 import h5py
 import matplotlib as mpl
+import numpy as np  # noqa: F401 - for the figures
 
 from beamrider.arrays import Floats
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from drawing import BLUE, GREEN, ORANGE, PURPLE, RED, parser, plt, save
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
 from beamrider.io.files import run_stage
 from beamrider.io.parquet import read_parquet
+from workflow.figures.drawing import BLUE, GREEN, ORANGE, PURPLE, RED, parser, save
 
 # Where the tables of the paper's "20 % larger gap" really lie, and the gaps taken at their word, in nm.
 PAPER_GAPS = {"the paper's tables of its 20 % case": (337.5, 342.0, "D"), "a gap 20 % wider": (228.0, 240.0, "s")}

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from drawing import COLOURS, Floats, np, parser, plt, save
+import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from beamrider.arrays import Floats
 from beamrider.io.files import reading, run_stage
 from beamrider.io.hdf5 import read_hdf5
 from optics.table.pressure_table import PressureTable
+from workflow.figures.drawing import COLOURS, parser, save
 
 MARKERS = ("o", "s", "^", "D", "v", "P")
 COLUMNS = ("u", "v", "q_g", "q_n", "error", "seconds", "finest")

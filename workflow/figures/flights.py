@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from drawing import BLUE, GREEN, ORANGE, RED, Floats, named, np, parser, plt, read_series, save
+import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from beamrider.arrays import Floats
 from beamrider.io.files import run_stage
+from workflow.figures.drawing import BLUE, GREEN, ORANGE, RED, named, parser, read_series, save
 
 Series = dict[str, Floats]
 MODELS = (("rigid", BLUE, 1.8), ("flexible", ORANGE, 0.8))

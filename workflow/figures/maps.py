@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
-from drawing import BLUE, ORANGE, parser, plt, save
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamrider.io.files import reading, run_stage
 from beamrider.io.hdf5 import read_hdf5
 from dynamics.stability.maps import equilibria
+from workflow.figures.drawing import BLUE, ORANGE, parser, save
 
 Maps = dict[str, np.ndarray]
 

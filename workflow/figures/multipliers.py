@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
-from drawing import COLOURS, named, parser, plt, save, solver
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamrider.io.files import read_json, run_stage
+from workflow.figures.drawing import COLOURS, named, parser, save, solver
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 

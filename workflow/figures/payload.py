@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from drawing import np, parser, plt, save
 from matplotlib.figure import Figure
 
 from beamrider.io.files import run_stage
@@ -14,6 +13,7 @@ from dynamics.scene.schema import Scene, read_scene
 from dynamics.stability.derivatives import linearise
 from dynamics.stability.linear import LinearModel, growth, margin
 from dynamics.stability.towed import TowedModel, towed
+from workflow.figures.drawing import np, parser, plt, save
 
 MASSES_G, LINES = (0.01, 0.03, 0.1, 0.3, 1.0), 6
 DEPTHS = np.geomspace(0.03, 3.0, 41)

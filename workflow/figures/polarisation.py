@@ -14,10 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drawing import COLOURS, Floats, np, parser, plt, save
+import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from beamrider.arrays import Floats
 from beamrider.io.files import atomic, run_stage
 from dynamics.rigid import stage as rigid
 from dynamics.rigid.body import rigid_body
@@ -25,6 +27,7 @@ from dynamics.sail.attitude import rotation_from_angles
 from dynamics.sail.sectors import load_tables
 from dynamics.scene.schema import Scene, read_scene
 from optics.table.pressure_table import PressureTable
+from workflow.figures.drawing import COLOURS, parser, save
 
 Tables = dict[str, PressureTable]
 NOMINAL = 90.0  # the cells are made for E along body y

@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
-from drawing import parser, plt, save
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamrider.io.files import run_stage
 from optics.table.pressure_table import PressureTable
+from workflow.figures.drawing import parser, save
 
 POINTS = 181
 ROWS = ((0, "$q_g$ (across the ridges)"), (2, "$q_n$ (along the normal)"))

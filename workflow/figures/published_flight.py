@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
-# The list of published flights lies beside this folder
-sys.path.append(str(Path(__file__).parents[1]))
-
-from drawing import BLUE, GREEN, ORANGE, PURPLE, RED, Floats, named, np, parser, plt, read_series, save
-from flown import Flown, outcome, read
+import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
-from published import Expected, PublishedFlight, read_published
-from snapshots import Snapshot
-from snapshots import read as read_snapshots
 
+from beamrider.arrays import Floats
 from beamrider.io.files import run_stage
+from workflow.figures.drawing import BLUE, GREEN, ORANGE, PURPLE, RED, named, parser, read_series, save
+from workflow.figures.flight_result import FlightResult, outcome, read
+from workflow.figures.snapshots import Snapshot
+from workflow.figures.snapshots import read as read_snapshots
+from workflow.published import Expected, PublishedFlight, read_published
 
 Columns = tuple[tuple[str, float, str | None], ...]
 
@@ -45,7 +44,7 @@ UNITS = {"largest distance from the axis": " m", "largest tilt": "°", "peak tem
          "highest temperature of the coldest point": " K", "speed at the end": " m/s"}
 
 
-def _optics(source: str, flown: Flown) -> str:
+def _optics(source: str, flown: FlightResult) -> str:
     """What the light does to the sail, in words: only gratings have tables of several sources."""
     solvers = {table["solver"] for table in json.loads(flown.end["tables"]).values()}
     if not solvers:
@@ -70,7 +69,7 @@ def _legend(axes: Axes, columns: int) -> None:
     axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0, 1), ncols=columns, **style)
 
 
-def _path(axes: Axes, flights: dict[str, Flown], rigid: dict[str, Floats] | None) -> None:
+def _path(axes: Axes, flights: dict[str, FlightResult], rigid: dict[str, Floats] | None) -> None:
     if rigid is not None:
         flown = rigid["time"] <= max(flight.series["time"][-1] for flight in flights.values())
         axes.plot(*rigid["position"][flown, :2].T * 100, color=GREY, lw=0.8, label="rigid", rasterized=True)
@@ -85,7 +84,7 @@ def _path(axes: Axes, flights: dict[str, Flown], rigid: dict[str, Floats] | None
     _legend(axes, 1)
 
 
-def _distance(axes: Axes, flights: dict[str, Flown]) -> None:
+def _distance(axes: Axes, flights: dict[str, FlightResult]) -> None:
     """The distance of each flight; x and y, too, where there is but one."""
     for name, flight in flights.items():
         series = _thin(flight.released)
@@ -98,14 +97,14 @@ def _distance(axes: Axes, flights: dict[str, Flown]) -> None:
     _legend(axes, 3 if len(flights) == 1 else 1)
 
 
-def _speed(axes: Axes, flights: dict[str, Flown]) -> None:
+def _speed(axes: Axes, flights: dict[str, FlightResult]) -> None:
     for name, flight in flights.items():
         series = _thin(flight.released)
         axes.plot(series["time"], series["velocity"][:, 2], color=COLOURS[name], rasterized=True)
     axes.set(xlabel="time since release (s)", ylabel="speed along the beam (m/s)")
 
 
-def _series(axes: Axes, label: str, columns: Columns, flights: dict[str, Flown]) -> None:
+def _series(axes: Axes, label: str, columns: Columns, flights: dict[str, FlightResult]) -> None:
     for i, (name, flight) in enumerate(flights.items()):
         series = _thin(flight.released)
         for column, factor, colour in columns:
@@ -179,7 +178,7 @@ def _published(entry: Expected) -> str:
     return f"{entry.quantity}: {value}{UNITS.get(entry.quantity, '')}"
 
 
-def _notes(axes: Axes, flights: dict[str, Flown], published: PublishedFlight) -> None:
+def _notes(axes: Axes, flights: dict[str, FlightResult], published: PublishedFlight) -> None:
     """In words: what became of each flight, and what the paper says."""
     lines = [
         f"{published.figure}, {flight.scene.sail.rings} rings, {_optics(source, flight)}:\n"

@@ -5,19 +5,16 @@ from __future__ import annotations
 import argparse
 import csv
 import html
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-# The list of published flights lies beside this folder
-sys.path.append(str(Path(__file__).parents[1]))
-
-from drawing import named, np
-from flown import Flown, events, number, outcome, read
-from published import Expected, PublishedFlight, Quantity, read_published
+import numpy as np
 
 from beamrider.io.files import atomic, run_stage
+from workflow.figures.drawing import named
+from workflow.figures.flight_result import FlightResult, events, number, outcome, read
+from workflow.published import Expected, PublishedFlight, Quantity, read_published
 
 
 class Row(NamedTuple):
@@ -40,7 +37,7 @@ ALWAYS: tuple[Quantity, ...] = (
 )
 
 
-def _within(flown: Flown, entry: Expected, value: float, bounded: bool) -> bool:
+def _within(flown: FlightResult, entry: Expected, value: float, bounded: bool) -> bool:
     """Does it agree; `bounded`: the paper's sail rides the beam, so that a lost one has none of its largest values."""
     found = set(events(flown)) or {"rides the beam"}
     if entry.outcomes:
@@ -51,7 +48,7 @@ def _within(flown: Flown, entry: Expected, value: float, bounded: bool) -> bool:
     return bool(low <= value <= high)
 
 
-def rows(source: str, flown: Flown, published: PublishedFlight) -> Iterator[Row]:
+def rows(source: str, flown: FlightResult, published: PublishedFlight) -> Iterator[Row]:
     """All comparisons of a flight, and what else is told of it."""
     plain = [Expected(quantity=q, paper="", outcomes=["rides the beam"] if q == "outcome" else []) for q in ALWAYS]
     given = {entry.quantity for entry in published.expected if entry.at_s is None}

@@ -11,14 +11,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from drawing import BLUE, ORANGE, RED, Floats, np, parser, plt, save
+import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
+from beamrider.arrays import Floats
 from beamrider.io.files import atomic, run_stage
 from optics.cells.outline import read_grating, upright
 from optics.modal.stage import solve
 from optics.table.pressure_table import PressureTable
+from workflow.figures.drawing import BLUE, ORANGE, RED, parser, save
 
 ORDERS = 27  # within 3e-4 of the paper's cells here
 SLICES = 12

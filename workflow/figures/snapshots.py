@@ -6,12 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drawing import Floats, np, parser, plt, save
+import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
+from beamrider.arrays import Floats
 from beamrider.io.files import reading, run_stage
 from beamrider.io.hdf5 import read_hdf5
+from workflow.figures.drawing import parser, save
 
 COUNT = 4
 

@@ -12,12 +12,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from drawing import read_series, solver
 
 from beamrider.io.files import Stopwatch, atomic, finish, read_json, run_stage
 from beamrider.io.hdf5 import read_hdf5
 from optics.table.pressure_table import PressureTable
 from optics.table.promise import read_promise
+from workflow.figures.drawing import read_series, solver
 
 Row = tuple[str, str, str, str, str]
 COLUMNS = ("what", "of", "quantity", "value", "unit")

@@ -13,12 +13,12 @@ rule accuracy_rows:
         cells=[f"workflow/designs/{name}.yaml" for name in ("mark1e_te", "mark1e_tm")],
     output:
         "results/accuracy/{part}.csv",
-    wildcard_constraints:
-        part="modal|tables|fdtd",
     log:
         "results/logs/accuracy/{part}.log",
     benchmark:
         "results/benchmarks/accuracy/{part}.tsv"
+    wildcard_constraints:
+        part="modal|tables|fdtd",
     threads: 1
     resources:
         mem_mb=2000,
@@ -26,7 +26,7 @@ rule accuracy_rows:
     message:
         "Error against time: {wildcards.part}"
     shell:
-        "python workflow/benchmarks/accuracy_{wildcards.part}.py --out {output} > {log} 2>&1"
+        "python -m workflow.benchmarks.accuracy_{wildcards.part} --out {output} > {log} 2>&1"
 
 
 rule accuracy_figure:
@@ -46,5 +46,5 @@ rule accuracy_figure:
     message:
         "Figure and table of what the accuracy of the optics costs"
     shell:
-        "python workflow/figures/accuracy.py --rows {input.rows} --csv {output.csv} --markdown {output.markdown}"
+        "python -m workflow.figures.accuracy --rows {input.rows} --csv {output.csv} --markdown {output.markdown}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"

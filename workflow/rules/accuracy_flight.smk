@@ -16,16 +16,16 @@ rule accuracy_flight:
         "results/logs/accuracy/flight.log",
     benchmark:
         "results/benchmarks/accuracy/flight.tsv"
-    params:
-        tables=lambda wildcards: [f"'{name}={','.join(paths)}'" for name, paths in sets(wildcards).items()],
     threads: 1
     resources:
         mem_mb=1000,
         runtime=30,
+    params:
+        tables=lambda wildcards: [f"'{name}={','.join(paths)}'" for name, paths in sets(wildcards).items()],
     message:
         "What accuracy costs in flexible flight"
     shell:
-        "python workflow/benchmarks/accuracy_flight.py --scene {input.scene} --tables {params.tables}"
+        "python -m workflow.benchmarks.accuracy_flight --scene {input.scene} --tables {params.tables}"
         " --out {output.csv} --markdown {output.markdown} --png {output.png} > {log} 2>&1"
 
 
@@ -47,5 +47,5 @@ rule accuracy_reflections:
     message:
         "Error of the light within a curved sail against rays and rings"
     shell:
-        "python workflow/benchmarks/accuracy_reflections.py --scene {input.scene} --tables {input.tables}"
+        "python -m workflow.benchmarks.accuracy_reflections --scene {input.scene} --tables {input.tables}"
         " --out {output.csv} --markdown {output.markdown} > {log} 2>&1"

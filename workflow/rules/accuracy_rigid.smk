@@ -25,13 +25,13 @@ rule accuracy_table:
         "results/logs/accuracy/{design}_{level}.log",
     benchmark:
         "results/benchmarks/accuracy/{design}_{level}.tsv"
-    params:
-        u_max=plan.config.modal.u_max,
-        v_max=plan.config.modal.v_max,
     threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
+    params:
+        u_max=plan.config.modal.u_max,
+        v_max=plan.config.modal.v_max,
     message:
         "Modal table of {wildcards.design} to {wildcards.level}"
     shell:
@@ -59,14 +59,14 @@ rule accuracy_rigid:
         "results/logs/accuracy/rigid.log",
     benchmark:
         "results/benchmarks/accuracy/rigid.tsv"
-    params:
-        tables=lambda wildcards: [f"'{name}={','.join(paths)}'" for name, paths in sets(wildcards).items()],
     threads: 1
     resources:
         mem_mb=1000,
         runtime=20,
+    params:
+        tables=lambda wildcards: [f"'{name}={','.join(paths)}'" for name, paths in sets(wildcards).items()],
     message:
         "What accuracy costs in rigid flight"
     shell:
-        "python workflow/benchmarks/accuracy_rigid.py --scene {input.scene} --tables {params.tables}"
+        "python -m workflow.benchmarks.accuracy_rigid --scene {input.scene} --tables {params.tables}"
         " --out {output.csv} --markdown {output.markdown} --png {output.png} > {log} 2>&1"

@@ -9,18 +9,19 @@ rule basin_part:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
+        light=lit_by,
     output:
         "results/scenes/{scene}/basin/{incidence}/part{part}.h5",
     log:
         "results/logs/scenes/{scene}/basin/{incidence}/part{part}.log",
     benchmark:
         "results/benchmarks/scenes/{scene}/basin/{incidence}/part{part}.tsv"
-    params:
-        parts=basin_parts,
     threads: 1
     resources:
         mem_mb=1000,
         runtime=30,
+    params:
+        parts=basin_parts,
     message:
         "Basin of {wildcards.scene}, {wildcards.incidence}, part {wildcards.part} of {params.parts}"
     shell:
@@ -32,6 +33,7 @@ rule basin:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
+        light=lit_by,
         parts=lambda wildcards: [
             f"results/scenes/{wildcards.scene}/basin/{wildcards.incidence}/part{i + 1}.h5"
             for i in range(basin_parts(wildcards))
@@ -75,7 +77,7 @@ rule basin_figure:
     message:
         "Figure of the basin of {wildcards.scene}"
     shell:
-        "python workflow/figures/basin.py --maps {input.maps} --out {output.png} --svg {output.svg} > {log} 2>&1"
+        "python -m workflow.figures.basin --maps {input.maps} --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
 rule basins:

@@ -18,10 +18,9 @@ from workflow.demands import attach
 from workflow.keys import WHOLE_GRAPH, Keys
 from workflow.ledger import Ledger
 
-# Jobs run the Python that runs Snakemake, each on one core, and import the modules beside this workflow, as it does itself:
-# a script's path begins with its own folder, not with that of the project.
+# Jobs run the Python that runs Snakemake, each on one core, and import the modules of the folder they run in: this project's,
+# or links to them.
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [workflow.basedir, os.environ.get("PYTHONPATH")]))
 os.environ.pop("PYTHONSAFEPATH", None)
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[variable] = "1"
@@ -57,7 +56,7 @@ if not plan.fdtd:
 # What to do with a table that missed its tolerance (exit code 3). A resource, not a parameter: tables that met theirs are
 # not made again when this changes. Snakemake removes the output of a job that failed: what was made is kept beside it.
 accept_missed = "--accept-missed" if plan.config.accept_missed else ""
-# FDTD tables that no scene flies on check the modal ones, within the limits of workflow/checks.py: a miss is shown, and stops
+# FDTD tables that no scene flies on check the modal ones, within the limits of workflow.checks: a miss is shown, and stops
 # nothing.
 accept_missed_fdtd = "--accept-missed" if plan.config.accept_missed or plan.config.tables != "fdtd" else ""
 keep_missed = " || {{ code=$?; [ $code != 3 ] || mv {output} {output}.missed; exit $code; }}"
@@ -71,6 +70,11 @@ def grid(settings):
 def flown(wildcards):
     """Tables that a scene flies on."""
     return checked(plan.tables, wildcards.scene)
+
+
+def lit_by(wildcards):
+    """Files that the beam of a scene is read from."""
+    return checked(plan.scene, wildcards.scene).beam.files
 
 
 def nodes(wildcards):
@@ -122,12 +126,12 @@ rule machine_code:
         "results/logs/machine_code.log",
     benchmark:
         "results/benchmarks/machine_code.tsv"
+    priority: 110
     threads: 1
     resources:
         mem_mb=2500,
         runtime=30,
-    priority: 110
     message:
         "Machine code of flights"
     shell:
-        "python workflow/machine_code.py --out {output} > {log} 2>&1"
+        "python -m workflow.machine_code --out {output} > {log} 2>&1"

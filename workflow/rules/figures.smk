@@ -17,16 +17,16 @@ rule pressure_figure:
         "results/logs/figures/pressure_{design}.log",
     benchmark:
         "results/benchmarks/figures/pressure_{design}.tsv"
-    params:
-        fdtd=lambda wildcards, input: f"--fdtd {input.fdtd}" if input.fdtd else "",
     threads: 1
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        fdtd=lambda wildcards, input: f"--fdtd {input.fdtd}" if input.fdtd else "",
     message:
         "Figure of the tables of {wildcards.design}"
     shell:
-        "python workflow/figures/pressure.py --modal {input.modal} {params.fdtd}"
+        "python -m workflow.figures.pressure --modal {input.modal} {params.fdtd}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -53,7 +53,7 @@ rule fdtd_figure:
     message:
         "Figure of the error and cost of FDTD"
     shell:
-        "python workflow/figures/fdtd.py --modal {input.modal} --parts {input.parts}"
+        "python -m workflow.figures.fdtd --modal {input.modal} --parts {input.parts}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -72,17 +72,17 @@ rule multipliers_figure:
         "results/logs/figures/multipliers.log",
     benchmark:
         "results/benchmarks/figures/multipliers.tsv"
-    params:
-        floquet=labelled(plan.config.floquet, "floquet.json"),
-        fdtd=labelled(plan.fdtd_scenes, "floquet_fdtd.json"),
     threads: 1
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        floquet=labelled(plan.config.floquet, "floquet.json"),
+        fdtd=labelled(plan.fdtd_scenes, "floquet_fdtd.json"),
     message:
         "Figure of the multipliers"
     shell:
-        "python workflow/figures/multipliers.py --floquet {params.floquet} --fdtd {params.fdtd}"
+        "python -m workflow.figures.multipliers --floquet {params.floquet} --fdtd {params.fdtd}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -101,17 +101,17 @@ rule flights_figure:
         "results/logs/figures/flights.log",
     benchmark:
         "results/benchmarks/figures/flights.tsv"
-    params:
-        rigid=labelled(plan.config.rigid, "rigid.h5"),
-        flexible=labelled(plan.config.flight, "flight.vtkhdf"),
     threads: 1
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        rigid=labelled(plan.config.rigid, "rigid.h5"),
+        flexible=labelled(plan.config.flight, "flight.vtkhdf"),
     message:
         "Figure of the flights"
     shell:
-        "python workflow/figures/flights.py --rigid {params.rigid} --flexible {params.flexible}"
+        "python -m workflow.figures.flights --rigid {params.rigid} --flexible {params.flexible}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -137,7 +137,7 @@ rule snapshots_figure:
     message:
         "Snapshots of {wildcards.scene}"
     shell:
-        "python workflow/figures/snapshots.py --flight {input.flight} --name {wildcards.scene}"
+        "python -m workflow.figures.snapshots --flight {input.flight} --name {wildcards.scene}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -145,12 +145,12 @@ rule snapshots_figure:
 rule contents:
     output:
         "results/contents.sha256",
-    params:
-        digest=digest_of([plan.figures, plan.all_flights, plan.all_floquet, plan.all_tables, list(plan.scenes)]),
     threads: 1
     resources:
         mem_mb=100,
         runtime=5,
+    params:
+        digest=digest_of([plan.figures, plan.all_flights, plan.all_floquet, plan.all_tables, list(plan.scenes)]),
     message:
         "What the report holds"
     shell:
@@ -165,7 +165,12 @@ rule summary:
         benchmarks=plan.benchmarks,
     output:
         csv=report("results/summary.csv", caption="../report/summary.rst", category="Summary", labels={"table": "CSV"}),
-        html=report("results/summary.html", caption="../report/summary.rst", category="Summary", labels={"table": "key numbers"}),
+        html=report(
+            "results/summary.html",
+            caption="../report/summary.rst",
+            category="Summary",
+            labels={"table": "key numbers"},
+        ),
     log:
         "results/logs/summary.log",
     benchmark:
@@ -177,5 +182,5 @@ rule summary:
     message:
         "Table of key numbers"
     shell:
-        "python workflow/figures/summary.py --tables {input.tables} --floquet {input.floquet} --flights {input.flights}"
+        "python -m workflow.figures.summary --tables {input.tables} --floquet {input.floquet} --flights {input.flights}"
         " --benchmarks {input.benchmarks} --out {output.csv} --html {output.html} > {log} 2>&1"

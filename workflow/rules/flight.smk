@@ -5,17 +5,18 @@ rule rigid:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
+        light=lit_by,
     output:
         "results/scenes/{scene}/rigid.h5",
     log:
         "results/logs/scenes/{scene}/rigid.log",
     benchmark:
         "results/benchmarks/scenes/{scene}/rigid.tsv"
+    priority: 60
     threads: 1
     resources:
         mem_mb=1000,
         runtime=60,
-    priority: 60
     message:
         "Rigid flight of {wildcards.scene}"
     shell:
@@ -26,18 +27,19 @@ rule flight:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
+        light=lit_by,
     output:
         "results/scenes/{scene}/flight.vtkhdf",
     log:
         "results/logs/scenes/{scene}/flight.log",
     benchmark:
         "results/benchmarks/scenes/{scene}/flight.tsv"
+    # One long job each: they start before the many short ones of FDTD, which then fill the other cores.
+    priority: 70
     threads: 1
     resources:
         mem_mb=2000,
         runtime=600,
-    # One long job each: they start before the many short ones of FDTD, which then fill the other cores.
-    priority: 70
     message:
         "Flexible flight of {wildcards.scene}"
     shell:

@@ -10,14 +10,14 @@ rule modal_table:
         "results/logs/tables/{design}/modal.log",
     benchmark:
         "results/benchmarks/tables/{design}/modal.tsv"
-    params:
-        grid=grid(plan.config.modal),
+    priority: 100
     threads: 1
     resources:
         mem_mb=2000,
         runtime=30,
         accept=accept_missed,
-    priority: 100
+    params:
+        grid=grid(plan.config.modal),
     message:
         "Modal table of {wildcards.design}"
     shell:
@@ -60,19 +60,17 @@ checkpoint fdtd_nodes:
         "results/logs/tables/{design}/fdtd/nodes.log",
     benchmark:
         "results/benchmarks/tables/{design}/fdtd/nodes.tsv"
-    params:
-        grid=grid(plan.config.fdtd_grid),
+    priority: 90
     threads: 1
     resources:
         mem_mb=2000,
         runtime=30,
-    priority: 90
+    params:
+        grid=grid(plan.config.fdtd_grid),
     message:
         "Directions for FDTD on {wildcards.design}"
     shell:
-        keys.shared(
-            "python -m optics.nodes --cell {input.cell} --out {output} {params.grid} > {log} 2>&1"
-        )
+        keys.shared("python -m optics.nodes --cell {input.cell} --out {output} {params.grid} > {log} 2>&1")
 
 
 rule fdtd_part:
@@ -85,16 +83,16 @@ rule fdtd_part:
         "results/logs/tables/{design}/fdtd/part{part}.log",
     benchmark:
         "results/benchmarks/tables/{design}/fdtd/part{part}.tsv"
+    priority: 50
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=240,
     params:
         parts=fdtd_parts,
         tolerance=plan.config.fdtd_tolerance,
         # Rows are kept here as they come. A job that was killed goes on from them, unless what it is made from has changed.
         rows=lambda wildcards, output: f"{output}.{keys.of(str(output))[:12]}",
-    threads: 1
-    resources:
-        mem_mb=2000,
-        runtime=240,
-    priority: 50
     message:
         "FDTD on {wildcards.design}, part {wildcards.part} of {params.parts}"
     shell:
@@ -116,18 +114,17 @@ rule fdtd_table:
         "results/logs/tables/{design}/fdtd.log",
     benchmark:
         "results/benchmarks/tables/{design}/fdtd.tsv"
-    params:
-        tolerance=plan.config.fdtd_tolerance,
     threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
         accept=accept_missed_fdtd,
+    params:
+        tolerance=plan.config.fdtd_tolerance,
     message:
         "FDTD table of {wildcards.design}"
     shell:
         keys.shared(
             "python -m optics.fdtd --cell {input.cell} --nodes {input.nodes} --tolerance {params.tolerance}"
-            " --merge {input.parts} --out {output} {resources.accept} > {log} 2>&1"
-            + keep_missed
+            " --merge {input.parts} --out {output} {resources.accept} > {log} 2>&1" + keep_missed
         )

@@ -25,5 +25,5 @@ rule polarisation:
     message:
         "Spin torque and flights against the polarisation of the beam"
     shell:
-        "python workflow/figures/polarisation.py --scene {input.scene} --tables {input.tables} --csv {output.csv}"
+        "python -m workflow.figures.polarisation --scene {input.scene} --tables {input.tables} --csv {output.csv}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"

@@ -5,8 +5,9 @@ published tables are flown where these are: in the folder BEAMRIDER_REFERENCE or
 """
 
 from workflow.published import SOURCE as PUBLISHED, read_published
+from workflow.published_tables import NAME as REFERENCE_NAME
 
-REFERENCE = os.path.join(os.environ.get("BEAMRIDER_REFERENCE", "../shared/reference"), "published_pressure_tables.npz")
+REFERENCE = os.path.join(os.environ.get("BEAMRIDER_REFERENCE", "../shared/reference"), REFERENCE_NAME)
 published = checked(read_published)
 
 
@@ -52,7 +53,7 @@ rule published_reference:
     message:
         "Published pressure tables"
     shell:
-        "python -m tests.published.reference --out results/tables/published > {log} 2>&1"
+        "python -m workflow.published_tables --data {input} --out $(dirname {output[0]}) > {log} 2>&1"
 
 
 # The list is no input: a flight is flown again where its own mesh or duration changed, not with every remark.
@@ -63,16 +64,16 @@ rule published_scene:
         "results/published/{scene}/{scene}.yaml",
     log:
         "results/logs/published/{scene}/scene.log",
-    params:
-        flown=lambda wildcards: published[wildcards.scene].model_dump(include={"rings", "duration_s"}),
     threads: 1
     resources:
         mem_mb=500,
         runtime=5,
+    params:
+        flown=lambda wildcards: published[wildcards.scene].model_dump(include={"rings", "duration_s"}),
     message:
         "Scene of the published flight {wildcards.scene}"
     shell:
-        "python workflow/published.py --scene {input.scene} --out {output} > {log} 2>&1"
+        "python -m workflow.published --scene {input.scene} --out {output} > {log} 2>&1"
 
 
 rule published_flight:
@@ -81,12 +82,12 @@ rule published_flight:
         tables=published_tables,
     output:
         "results/published/{scene}/{source}.vtkhdf",
-    wildcard_constraints:
-        source="modal|published",
     log:
         "results/logs/published/{scene}/{source}.log",
     benchmark:
         "results/benchmarks/published/{scene}/{source}.tsv"
+    wildcard_constraints:
+        source="modal|published",
     threads: 1
     resources:
         mem_mb=4000,
@@ -109,17 +110,17 @@ rule published_figure:
         svg="results/figures/published_{scene}.svg",
     log:
         "results/logs/figures/published_{scene}.log",
-    params:
-        flights=lambda wildcards, input: [f"{os.path.basename(path).split('.')[0]}={path}" for path in input.flights],
-        rigid=lambda wildcards, input: f"--rigid {input.rigid}" if input.rigid else "",
     threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
+    params:
+        flights=lambda wildcards, input: [f"{os.path.basename(path).split('.')[0]}={path}" for path in input.flights],
+        rigid=lambda wildcards, input: f"--rigid {input.rigid}" if input.rigid else "",
     message:
         "Figure of the published flight {wildcards.scene}"
     shell:
-        "python workflow/figures/published_flight.py --name {wildcards.scene} --flights {params.flights} {params.rigid}"
+        "python -m workflow.figures.published_flight --name {wildcards.scene} --flights {params.flights} {params.rigid}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -133,14 +134,14 @@ rule published_table:
         markdown="results/published/flights.md",
     log:
         "results/logs/published/table.log",
-    params:
-        flights=[f"{scene}:{source}=results/published/{scene}/{source}.vtkhdf" for scene, source in ALL_PUBLISHED],
     threads: 1
     resources:
         mem_mb=2000,
         runtime=20,
+    params:
+        flights=[f"{scene}:{source}=results/published/{scene}/{source}.vtkhdf" for scene, source in ALL_PUBLISHED],
     message:
         "Published flights against the paper"
     shell:
-        "python workflow/figures/published_table.py --flights {params.flights} --out {output.csv} --html {output.html}"
+        "python -m workflow.figures.published_table --flights {params.flights} --out {output.csv} --html {output.html}"
         " --markdown {output.markdown} > {log} 2>&1"

@@ -24,7 +24,7 @@ rule rounded:
     message:
         "Figure and numbers of rounded corners"
     shell:
-        "python workflow/figures/rounded.py --tables {input.tables} --rounded {input.rounded} --sharp {input.sharp}"
+        "python -m workflow.figures.rounded --tables {input.tables} --rounded {input.rounded} --sharp {input.sharp}"
         " --csv {output.csv} --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -37,16 +37,16 @@ rule fdtd_adaptive_table:
         "results/logs/tables/{design}/fdtd_adaptive.log",
     benchmark:
         "results/benchmarks/tables/{design}/fdtd_adaptive.tsv"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=240,
     params:
         range=f"--u-max {plan.config.fdtd_grid.u_max} --v-max {plan.config.fdtd_grid.v_max}",
         tolerance=plan.config.fdtd_tolerance,
         # Rows are kept beside this file as they come. A job that was killed goes on from them, unless what it is made from
         # has changed.
         out=lambda wildcards, output: f"{output}.{keys.of(str(output))[:12]}",
-    threads: 1
-    resources:
-        mem_mb=2000,
-        runtime=240,
     message:
         "FDTD table of {wildcards.design}, its directions chosen by FDTD"
     shell:

@@ -21,6 +21,7 @@ def base_designs(wildcards):
 
 def confirmed(file):
     """That file of each of the best members, once screening has found them."""
+
     def paths(wildcards):
         folder = Path(checkpoints.candidates.get(family=wildcards.family).output[0])
         places = sorted((path.name for path in folder.iterdir() if path.name.isdecimal()), key=int)
@@ -63,7 +64,7 @@ rule family:
     message:
         "Members of the family {wildcards.family}"
     shell:
-        "python workflow/family.py --family {input.family} --out $(dirname {output.cells}) > {log} 2>&1"
+        "python -m workflow.family --family {input.family} --out $(dirname {output.cells}) > {log} 2>&1"
 
 
 # Blocks that are done stay done: a run that was killed goes on with the others.
@@ -76,13 +77,13 @@ rule cells:
         "results/logs/screening/{family}/cells/{part}.log",
     benchmark:
         "results/benchmarks/screening/{family}/cells/{part}.tsv"
-    params:
-        blocks=screening_parts,
-        orders=lambda wildcards: family(wildcards.family).orders,
     threads: 1
     resources:
         mem_mb=1000,
         runtime=60,
+    params:
+        blocks=screening_parts,
+        orders=lambda wildcards: family(wildcards.family).orders,
     message:
         "Cells of the family {wildcards.family}, part {wildcards.part} of {params.blocks}"
     shell:
@@ -105,13 +106,13 @@ rule screened:
         "results/logs/screening/{family}/screened.log",
     benchmark:
         "results/benchmarks/screening/{family}/screened.tsv"
-    params:
-        by=lambda wildcards: family(wildcards.family).best.by,
-        at_least=lambda wildcards: family(wildcards.family).best.at_least,
     threads: 1
     resources:
         mem_mb=4000,
         runtime=60,
+    params:
+        by=lambda wildcards: family(wildcards.family).best.by,
+        at_least=lambda wildcards: family(wildcards.family).best.at_least,
     message:
         "Stability of the family {wildcards.family}"
     shell:
@@ -137,7 +138,7 @@ checkpoint candidates:
     message:
         "Best members of the family {wildcards.family}"
     shell:
-        "python workflow/candidates.py --family {input.family} --scene {input.scene} --screened {input.screened}"
+        "python -m workflow.candidates --family {input.family} --scene {input.scene} --screened {input.screened}"
         " --cells {input.cells} --out {output} > {log} 2>&1"
 
 
@@ -146,6 +147,7 @@ CONFIRMED = "results/screening/{family}/confirmed/{place}"
 
 def candidate(name):
     """A file of a candidate, there once the checkpoint has run."""
+
     def path(wildcards):
         folder = checkpoints.candidates.get(family=wildcards.family).output[0]
         return f"{folder}/{wildcards.place}/{name.format(**dict(wildcards.items()))}"
@@ -173,18 +175,16 @@ rule candidate_fdtd_nodes:
         f"{CONFIRMED}/{{cell}}/fdtd/nodes.json",
     log:
         "results/logs/screening/{family}/{place}/{cell}/fdtd/nodes.log",
-    params:
-        grid=grid(plan.config.fdtd_grid),
     threads: 1
     resources:
         mem_mb=2000,
         runtime=30,
+    params:
+        grid=grid(plan.config.fdtd_grid),
     message:
         "Directions for FDTD on cell {wildcards.cell} of candidate {wildcards.place} of {wildcards.family}"
     shell:
-        keys.shared(
-            "python -m optics.nodes --cell {input.cell} --out {output} {params.grid} > {log} 2>&1"
-        )
+        keys.shared("python -m optics.nodes --cell {input.cell} --out {output} {params.grid} > {log} 2>&1")
 
 
 use rule fdtd_part as candidate_fdtd_part with:
@@ -204,7 +204,8 @@ use rule fdtd_part as candidate_fdtd_part with:
 use rule fdtd_table as candidate_fdtd_table with:
     input:
         parts=lambda wildcards: [
-            f"{CONFIRMED}/{{cell}}/fdtd/part{k + 1}.h5".format(**dict(wildcards.items())) for k in range(fdtd_parts(wildcards))
+            f"{CONFIRMED}/{{cell}}/fdtd/part{k + 1}.h5".format(**dict(wildcards.items()))
+            for k in range(fdtd_parts(wildcards))
         ],
         cell=candidate("{cell}.yaml"),
         nodes=f"{CONFIRMED}/{{cell}}/fdtd/nodes.json",
@@ -279,7 +280,8 @@ use rule basin as candidate_basin with:
         scene=candidate("sail.yaml"),
         tables=[f"{CONFIRMED}/{cell}/modal.h5" for cell in ("te", "tm")],
         parts=lambda wildcards: [
-            f"{CONFIRMED}/basin/{{incidence}}/part{i + 1}.h5".format(**dict(wildcards.items())) for i in range(basin_parts(wildcards))
+            f"{CONFIRMED}/basin/{{incidence}}/part{i + 1}.h5".format(**dict(wildcards.items()))
+            for i in range(basin_parts(wildcards))
         ],
     output:
         f"{CONFIRMED}/basin/{{incidence}}.h5",
@@ -320,17 +322,17 @@ rule confirmed:
         markdown="results/screening/{family}/confirmed.md",
     log:
         "results/logs/screening/{family}/confirmed.log",
-    params:
-        base=lambda wildcards: f"results/scenes/{family(wildcards.family).scene}",
-        candidates=lambda wildcards, input: [os.path.dirname(path) for path in input.floquet],
     threads: 1
     resources:
         mem_mb=1000,
         runtime=5,
+    params:
+        base=lambda wildcards: f"results/scenes/{family(wildcards.family).scene}",
+        candidates=lambda wildcards, input: [os.path.dirname(path) for path in input.floquet],
     message:
         "Table of the best members of the family {wildcards.family}"
     shell:
-        "python workflow/confirmed.py --family {input.family} --screened {input.screened} --base {params.base}"
+        "python -m workflow.confirmed --family {input.family} --screened {input.screened} --base {params.base}"
         " --candidates {params.candidates} --csv {output.csv} --markdown {output.markdown} > {log} 2>&1"
 
 
@@ -348,17 +350,17 @@ rule confirmed_figure:
         svg="results/figures/confirmed_{family}.svg",
     log:
         "results/logs/figures/confirmed_{family}.log",
-    params:
-        names=lambda wildcards, input: [family(wildcards.family).scene]
-        + [f"'{wildcards.family}, {os.path.dirname(os.path.dirname(path)).split('/')[-1]}'" for path in input.best],
     threads: 1
     resources:
         mem_mb=1000,
         runtime=5,
+    params:
+        names=lambda wildcards, input: [family(wildcards.family).scene]
+        + [f"'{wildcards.family}, {os.path.dirname(os.path.dirname(path)).split('/')[-1]}'" for path in input.best],
     message:
         "Basins of the best members of the family {wildcards.family}"
     shell:
-        "python workflow/figures/basin.py --maps {input.base} {input.best} --names {params.names}"
+        "python -m workflow.figures.basin --maps {input.base} {input.best} --names {params.names}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -375,16 +377,16 @@ rule family_figure:
         svg="results/figures/family_{family}.svg",
     log:
         "results/logs/figures/family_{family}.log",
-    params:
-        kind=lambda wildcards: wildcards.family if wildcards.family in ("gap_study", "tolerances") else "search",
     threads: 1
     resources:
         mem_mb=2000,
         runtime=10,
+    params:
+        kind=lambda wildcards: wildcards.family if wildcards.family in ("gap_study", "tolerances") else "search",
     message:
         "Figure of the family {wildcards.family}"
     shell:
-        "python workflow/figures/families.py --kind {params.kind} --screened {input.screened}"
+        "python -m workflow.figures.families --kind {params.kind} --screened {input.screened}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 

@@ -24,6 +24,7 @@ rule floquet:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
+        light=lit_by,
     output:
         "results/scenes/{scene}/floquet.json",
     log:
@@ -44,6 +45,7 @@ use rule floquet as floquet_fdtd with:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=lambda wildcards: checked(plan.tables, wildcards.scene, "fdtd"),
+        light=lit_by,
     output:
         "results/scenes/{scene}/floquet_fdtd.json",
     log:
@@ -74,7 +76,7 @@ rule checks:
     message:
         "FDTD against the modal method"
     shell:
-        "python workflow/checks.py --modal {input.modal} --fdtd {input.fdtd}"
+        "python -m workflow.checks --modal {input.modal} --fdtd {input.fdtd}"
         " --floquet {input.floquet} --floquet-fdtd {input.floquet_fdtd} --out {output} > {log} 2>&1"
 
 
@@ -82,6 +84,7 @@ rule maps:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
+        light=lit_by,
     output:
         "results/scenes/{scene}/maps.h5",
     log:
@@ -120,7 +123,7 @@ rule maps_figure:
     message:
         "Figure of the force and torque maps of {wildcards.scene}"
     shell:
-        "python workflow/figures/maps.py --maps {input.maps} --name {wildcards.scene}"
+        "python -m workflow.figures.maps --maps {input.maps} --name {wildcards.scene}"
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
@@ -165,7 +168,7 @@ rule study:
     message:
         "Published case {wildcards.case}, {wildcards.model}"
     shell:
-        "python workflow/case.py --cases {input.cases} --case {wildcards.case} --scene {input.scene}"
+        "python -m workflow.case --cases {input.cases} --case {wildcards.case} --scene {input.scene}"
         " --tables {input.tables} --out {output} > {log} 2>&1"
 
 
@@ -173,6 +176,7 @@ rule heat:
     input:
         scene="workflow/scenes/{scene}.yaml",
         tables=flown,
+        light=lit_by,
     output:
         "results/cases/heat_{scene}.json",
     log:
@@ -186,7 +190,7 @@ rule heat:
     message:
         "What the light taken up does to {wildcards.scene}"
     shell:
-        "python workflow/heat.py --scene {input.scene} --tables {input.tables} --out {output} > {log} 2>&1"
+        "python -m workflow.heat --scene {input.scene} --tables {input.tables} --out {output} > {log} 2>&1"
 
 
 rule conclusions:
@@ -212,7 +216,7 @@ rule conclusions:
     message:
         "What is left of the paper's conclusions"
     shell:
-        "python workflow/figures/conclusions.py --studies {input.studies} --heat {input.heat} --csv {output.csv}"
+        "python -m workflow.figures.conclusions --studies {input.studies} --heat {input.heat} --csv {output.csv}"
         " --markdown {output.markdown} --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 

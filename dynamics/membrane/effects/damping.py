@@ -10,10 +10,33 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numba
+import numpy as np
 
 from beamrider.arrays import Floats
+from dynamics.membrane.arrays import Model, WorkSpace
+from dynamics.membrane.effects.interface import Decision, Plan, Setup, hook, only_if
 from dynamics.membrane.effects.sheet import Sheet, SheetWork
 from dynamics.membrane.effects.springs import Springs, collect, negate, separations
+from dynamics.membrane.lattice import per_triangle
+from dynamics.scene.schema import Scene
+
+NAME = "damping"
+COST = "passes over all edges, triangles and nodes in each step; steps are taken one at a time and are shorter"
+
+
+def _damping(scene: Scene, so_far: Plan) -> Decision:
+    damps = any(region.properties.damping_s > 0 for region in scene.sail.regions)
+    return Decision(on=damps, reason="a material with damping" if damps else "no material has damping")
+
+
+PLAN = {"damping": _damping}
+
+
+class Damping(NamedTuple):
+    """time (t,): retardation time τ in s of the triangles; per_mass (n,) in 1/kg. Empty where it is off."""
+
+    time: Floats
+    per_mass: Floats
 
 
 class DampingWork(NamedTuple):
@@ -26,6 +49,41 @@ class DampingWork(NamedTuple):
     rate: Floats
     tension: Floats
     force: Floats
+
+
+def build(setup: Setup) -> Damping:
+    """Retardation times of the materials."""
+    on = setup.on("damping")
+    return Damping(
+        time=only_if(on, per_triangle(setup.scene.sail, setup.mesh, "damping_s")),
+        per_mass=only_if(on, 1.0 / setup.lattice.masses),
+    )
+
+
+def work(model: Model) -> DampingWork:
+    """Zeros, or nothing where it is off."""
+    t, n = model.effects.damping.time.size, model.effects.damping.per_mass.size
+    m = model.effects.springs.start.size if t else 0
+    return DampingWork(
+        pull=np.zeros((3, 2 * m + 1 if t else 0)), rate=np.zeros(m), tension=np.zeros(3 * t + 1 if t else 0),
+        force=np.zeros((3, n)),
+    )
+
+
+@hook
+def acts_each_step(model: Model) -> bool:
+    """Its forces depend on velocities, which no sweep over rows knows."""
+    return model.effects.damping.time.size > 0
+
+
+@hook
+def accelerate(model: Model, work: WorkSpace, x: Floats, v: Floats, t: float) -> None:
+    """Add what the triangles resist their motion with."""
+    if model.effects.damping.time.size > 0:
+        resist(
+            model.effects.damping, model.effects.sheet, work.effects.sheet, model.effects.springs,
+            work.effects.damping, x, v, work.acceleration,
+        )
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -52,16 +110,13 @@ def _tighten(tau: Floats, sheet: Sheet, modulus: Floats, shear: Floats, rate: Fl
 
 @numba.njit(cache=True, error_model="numpy")
 def resist(
-    tau: Floats, sheet: Sheet, elastic: SheetWork, springs: Springs, work: DampingWork, x: Floats, v: Floats,
-    per_mass: Floats, acceleration: Floats,
+    damping: Damping, sheet: Sheet, elastic: SheetWork, springs: Springs, work: DampingWork, x: Floats, v: Floats,
+    acceleration: Floats,
 ) -> None:
-    """Add to acceleration (3, n), per_mass (n,) in 1/kg, what triangles resist the motion v (3, n) with.
-
-    tau (t,): their retardation time in s.
-    """
+    """Add to acceleration (3, n) in m/s² what triangles with nodes x resist the motion v (3, n) with."""
     separations(x, springs.start, springs.end, work.pull)
     _rates(springs, v, work.pull, work.rate)
-    _tighten(tau, sheet, elastic.modulus, elastic.shear, work.rate, work.tension)
+    _tighten(damping.time, sheet, elastic.modulus, elastic.shear, work.rate, work.tension)
     size = work.rate.size
     first, second = sheet.slots[0], sheet.slots[1]
     for c in range(3):
@@ -70,5 +125,5 @@ def resist(
         negate(work.pull[c], size)
     collect(work.pull, springs.slots, work.force)
     for c in range(3):
-        for i in range(per_mass.size):
-            acceleration[c, i] += work.force[c, i] * per_mass[i]
+        for i in range(damping.per_mass.size):
+            acceleration[c, i] += work.force[c, i] * damping.per_mass[i]

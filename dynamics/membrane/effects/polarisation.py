@@ -14,9 +14,13 @@ import math
 from typing import NamedTuple
 
 import numba
+import numpy as np
 
 from beamrider.arrays import Floats
-from dynamics.membrane.effects.light_pressure import Light, Tables, table
+from dynamics.membrane.effects.interface import Setup
+from dynamics.membrane.effects.light_pressure import LightPressure
+from dynamics.membrane.effects.tables import Tables, concatenated, table
+from dynamics.membrane.lattice import centred
 from optics.table.pressure_table import lookup
 
 #: Of one direction on one surface: Re r_s, Im r_s, Re r_p, Im r_p, a_s, a_p.
@@ -41,6 +45,19 @@ class Polariser(NamedTuple):
     arms: Floats
 
 
+def polariser(setup: Setup, on: bool) -> Polariser:
+    """The beam's field and the films' amplitudes, if polarisation is tracked; InputError where a table has none."""
+    scene, masses = setup.scene, setup.lattice.masses
+    beam, tracked = scene.beam, on and scene.reflections.polarisation == "tracked"
+    films = [part for design in scene.sail.designs if tracked for part in setup.tables[design].amplitude_arrays()]
+    arms = masses * centred(setup.mesh, masses)[:, :2].T
+    return Polariser(
+        tracked=tracked, films=concatenated(films, False), angle=math.radians(beam.polarisation_deg),
+        rate=2.0 * math.pi * beam.polarisation_Hz,
+        arms=np.array(arms if tracked and beam.polarisation == "sail" else arms[:, :0], order="C"),
+    )
+
+
 @numba.njit(cache=True, error_model="numpy")
 def azimuth(polariser: Polariser, x: Floats, t: float) -> float:
     """Angle in rad from x towards y of the beam's field at time t in s; x (3, n): nodes in m.
@@ -57,7 +74,7 @@ def azimuth(polariser: Polariser, x: Floats, t: float) -> float:
 
 @numba.njit(cache=True, error_model="numpy")
 def film(
-    polariser: Polariser, light: Light, kind: int, last: float, absorptance: float, i: int, cosine: float
+    polariser: Polariser, light: LightPressure, kind: int, last: float, absorptance: float, i: int, cosine: float
 ) -> Film:
     """What triangle i does to s and p light at that cosine of incidence; see `Film`.
 

@@ -14,15 +14,52 @@ import math
 from typing import NamedTuple
 
 import numba
+import numpy as np
 
 from beamrider.arrays import Floats, Integers
+from beamrider.io.files import InputError
 from dynamics.light.intensity import LIGHT_SPEED
-from dynamics.membrane.effects import polarisation
-from dynamics.membrane.effects.light_pressure import Light, LightWork, table
+from dynamics.membrane.arrays import Model, WorkSpace
+from dynamics.membrane.effects import polarisation, tearing
+from dynamics.membrane.effects.interface import Decision, Plan, Setup, hook, starts
+from dynamics.membrane.effects.light_pressure import HeldLight, LightPressure
 from dynamics.membrane.effects.polarisation import Polariser
-from dynamics.membrane.effects.tree import Tree, nearest, refit
+from dynamics.membrane.effects.tables import table
+from dynamics.membrane.effects.tree import Tree, build_tree, nearest, refit
+from dynamics.membrane.layout import rows
 from dynamics.membrane.layout.triangles import Patch
+from dynamics.membrane.state import State
+from dynamics.sail.shapes import rim_slope
+from dynamics.scene.schema import Scene
 from optics.table.pressure_table import lookup
+
+NAME = "reflections"
+COST = "a search of the triangle that each ray hits, for all rays of all triangles, every flight.optics_every steps"
+#: What leaves the sail in traced rays; 0 where reflections are off.
+COLUMNS = {"power_reflected": (1, "W")}
+(_REFLECTED,) = starts(COLUMNS)
+
+
+def _reflections(scene: Scene, so_far: Plan) -> Decision:
+    """Whether light along the axis can meet the sail twice.
+
+    Off a slope s it leaves at 2s from where it came; the rest of the sail lies at most by the steepest slope S above
+    the horizon, so 3S > 90° is needed, and a tilt adds to S.
+    """
+    steep = math.degrees(rim_slope(scene.sail)) + math.hypot(scene.release.pitch_deg, scene.release.roll_deg)
+    bright = any(region.design or region.reflectance for region in scene.sail.regions)
+    if not (scene.beam.intensity_W_m2 > 0 and bright):
+        return Decision(on=False, reason="nothing reflects light")
+    if scene.reflections.polarisation == "tracked":
+        return Decision(on=True, reason="the light's polarisation is tracked, from its first hit on")
+    if scene.sail.profile == "flat":
+        return Decision(on=False, reason="a flat sail does not reflect onto itself")
+    if steep <= 30.0:
+        return Decision(on=False, reason=f"slopes of {steep:.3g}°, up to 30° no light meets the sail twice")
+    return Decision(on=True, reason=f"slopes of {steep:.3g}°, above 30°, and reflecting")
+
+
+PLAN = {"reflections": _reflections}
 
 #: Entries of the account of a trace: power in W that leaves, passes through at a hit, is absorbed at a hit, is left in
 #: rays that were given up, and how many hits; then the momentum flow in N that leaves (three components).
@@ -64,9 +101,60 @@ class MirrorWork(NamedTuple):
     account: Floats
 
 
+def build(setup: Setup) -> Mirror:
+    """The sail as mirrors; InputError where a region is a grating, which throws light in more than one direction."""
+    scene, mesh = setup.scene, setup.mesh
+    on, given, designs = setup.on("light") and setup.on("reflections"), scene.reflections, scene.sail.designs
+    gratings = [design for design in designs if on and not setup.tables[design].axisymmetric]
+    if gratings:
+        raise InputError(
+            f"{scene.name}.yaml: effects.reflections: '{gratings[0]}' is a grating; only light from specular films is "
+            "traced: set effects.reflections: false"
+        )
+    kinds = np.array([designs.index(r.design) if r.design else -1 for r in scene.sail.regions])[mesh.sector]
+    centres = mesh.nodes[mesh.triangles].mean(axis=1)
+    return Mirror(
+        tree=build_tree(centres if on else centres[:0]), kind=kinds if on else kinds[:0],
+        last=np.array([setup.tables[design].u[-1] for design in designs] if on else [], float), bounces=given.bounces,
+        rays=given.rays_a_side, cutoff=given.cutoff, least=1e-9 * float(np.ptp(mesh.nodes, axis=0).max()),
+        polariser=polarisation.polariser(setup, on),
+    )
+
+
+def work(model: Model) -> MirrorWork:
+    """Work space for tracing rays; next to nothing where that is off."""
+    mirror = model.effects.reflections
+    t, leaves = mirror.kind.size, mirror.tree.bounds.size - 1
+    return MirrorWork(
+        boxes=np.zeros((2 * leaves - 1 if t else 0, 6)), force=np.zeros((3, t)), heat=np.zeros(t),
+        stack=np.zeros(64 if t else 0, np.int64), ray=np.zeros((3, 3)),
+        field=np.zeros((2, 3)), first=np.zeros((2, 3)), account=np.zeros(8),
+    )
+
+
+@hook
+def relight(model: Model, work: WorkSpace, x: Floats, t: float) -> None:
+    """Add the light reflected within the sail of nodes x (3, n) at time t in s."""
+    if model.effects.reflections.kind.size > 0:
+        patch = rows.patch(work.stencil.scratch, 0)
+        bounce(
+            model.effects.reflections, work.effects.reflections, model.effects.light, work.effects.light, patch, x,
+            work.effects.tearing.gone, t,
+        )
+        rows.hold(model.stencil, patch.response, 0, 0, model.stencil.cells.size, work.stencil.held)
+        tearing.remove_all_light(work.effects.tearing, work.effects.light, model.stencil, work.stencil.held)
+
+
+@hook
+def write(model: Model, work: WorkSpace, state: State, centre: Floats, row: Floats) -> None:
+    """Power that leaves the sail after its last hit."""
+    if work.gain[0] > 0.0:
+        row[_REFLECTED] = work.gain[0] * work.effects.reflections.account[LEAVES]
+
+
 @numba.njit(cache=True, error_model="numpy")
-def response(mirror: Mirror, light: Light, absorptance: Floats, i: int, cosine: float) -> tuple[float, float]:
-    """Reflectance and absorptance of triangle i for light at that cosine of incidence; see `optical` for films.
+def response(mirror: Mirror, light: LightPressure, absorptance: Floats, i: int, cosine: float) -> tuple[float, float]:
+    """Reflectance and absorptance of triangle i for light at that cosine of incidence; see `light_pressure` for films.
 
     absorptance (t,): as it is now, −f for f times the table's. A film's table holds q_n = (2R + a) cos and, along the
     light, a sin.
@@ -86,7 +174,7 @@ def response(mirror: Mirror, light: Light, absorptance: Floats, i: int, cosine: 
 
 @numba.njit(cache=True, error_model="numpy")
 def _shares(
-    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, frame: Floats, j: int, direction: Floats,
+    mirror: Mirror, work: MirrorWork, light: LightPressure, held: HeldLight, frame: Floats, j: int, direction: Floats,
     cosine: float,
 ) -> tuple[float, float]:
     """Share of a ray's power that triangle j reflects and absorbs; turns the field where that is tracked."""
@@ -101,7 +189,7 @@ def _shares(
 
 @numba.njit(cache=True, error_model="numpy")
 def _strike(
-    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, frame: Floats, j: int, direction: Floats,
+    mirror: Mirror, work: MirrorWork, light: LightPressure, held: HeldLight, frame: Floats, j: int, direction: Floats,
     power: float,
 ) -> float:
     """Force and heat of a ray on triangle j; turns the direction and returns the power that goes on."""
@@ -124,8 +212,8 @@ def _strike(
 
 @numba.njit(cache=True, error_model="numpy")
 def _follow(
-    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, frame: Floats, x: Floats, i: int, power: float,
-    gone: Integers,
+    mirror: Mirror, work: MirrorWork, light: LightPressure, held: HeldLight, frame: Floats, x: Floats, i: int,
+    power: float, gone: Integers,
 ) -> None:
     """One ray from triangle i until it leaves, has hit often enough, or is too weak."""
     weakest, own = mirror.cutoff * power, i
@@ -151,7 +239,7 @@ def _follow(
 
 @numba.njit(cache=True, error_model="numpy")
 def _first(
-    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, frame: Floats, i: int, angle: float
+    mirror: Mirror, work: MirrorWork, light: LightPressure, held: HeldLight, frame: Floats, i: int, angle: float
 ) -> float:
     """Reflected share of the beam on triangle i; where polarisation is tracked, also the field its rays begin with.
 
@@ -176,8 +264,8 @@ def _first(
 
 @numba.njit(cache=True, error_model="numpy")
 def _send(
-    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, frame: Floats, x: Floats, i: int, power: float,
-    gone: Integers,
+    mirror: Mirror, work: MirrorWork, light: LightPressure, held: HeldLight, frame: Floats, x: Floats, i: int,
+    power: float, gone: Integers,
 ) -> None:
     """Rays of equal power from the centres of the rays² equal parts of triangle i, for light along +z."""
     m, n2 = mirror.rays, frame[2, i]
@@ -197,7 +285,7 @@ def _send(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _hold(work: MirrorWork, held: LightWork, patch: Patch) -> None:
+def _hold(work: MirrorWork, held: HeldLight, patch: Patch) -> None:
     """Add force and heat to those held in the frame of each triangle: F = c₁ e₁ + c₂ e₂ + c₃ e₁ × e₂."""
     e, out = patch.sides, patch.response
     for i in range(work.heat.size):
@@ -213,9 +301,10 @@ def _hold(work: MirrorWork, held: LightWork, patch: Patch) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def bounce(
-    mirror: Mirror, work: MirrorWork, light: Light, held: LightWork, patch: Patch, x: Floats, gone: Integers, t: float
+    mirror: Mirror, work: MirrorWork, light: LightPressure, held: HeldLight, patch: Patch, x: Floats, gone: Integers,
+    t: float,
 ) -> None:
-    """Add the light reflected within the sail, right after `optical.respond`, to the coefficients in a patch of it all.
+    """Add the light reflected within the sail, right after `respond`, to the coefficients in a patch of it all.
 
     x (3, n): nodes; gone (t,): not 0 for removed triangles, or empty. t: time in s of these positions.
     """

@@ -20,9 +20,45 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Floats, Indices
+from dynamics.membrane.arrays import Model, WorkSpace
+from dynamics.membrane.bodies import free_squares
+from dynamics.membrane.effects import springs
+from dynamics.membrane.effects.interface import (
+    Decision,
+    Plan,
+    Setup,
+    hook,
+    needs_heat,
+    only_if,
+    own,
+    slots,
+    starts,
+    unsigned,
+)
 from dynamics.membrane.effects.springs import REFERENCE_TEMPERATURE
+from dynamics.membrane.lattice import cotangents, per_triangle, sheet_modulus
+from dynamics.membrane.layout import rows
 from dynamics.membrane.layout.rows import Stencil
 from dynamics.membrane.layout.triangles import Patch, sides
+from dynamics.membrane.state import State
+from dynamics.scene.schema import Scene
+
+NAME = "sheet"
+COST = "a pass over all triangles in each step; expansion new free lengths whenever temperatures change"
+#: Of triangles, or of the springs that stand for them.
+COLUMNS = {"strain_max": (1, "1"), "strain_min": (1, "1"), "energy_elastic": (1, "J")}
+_STRAIN_MAX, _STRAIN_MIN, _ENERGY = starts(COLUMNS)
+
+
+def _expansion(scene: Scene, so_far: Plan) -> Decision:
+    """Do triangles or springs expand with temperature."""
+    given = scene.flight.expansion_1_K
+    materials = [region.properties for region in scene.sail.regions]
+    expands = given != 0 if given is not None else any(m.highest("expansion_1_K") > 0 for m in materials)
+    return Decision(on=expands, reason="expansion coefficient given" if expands else "expansion zero")
+
+
+PLAN = {"expansion": needs_heat(_expansion)}
 
 
 class Sheet(NamedTuple):
@@ -59,6 +95,58 @@ class SheetWork(NamedTuple):
     modulus: Floats
     shear: Floats
     limit: Floats
+
+
+def build(setup: Setup) -> Sheet:
+    """The triangles of the mesh; empty where springs carry the load."""
+    scene, mesh, sail = setup.scene, setup.mesh, setup.scene.sail
+    on, t = scene.flight.stiffness == "triangles", len(mesh.triangles)
+    poisson, young = per_triangle(sail, mesh, "poisson"), per_triangle(sail, mesh, "young_Pa")
+    limit = 4.0 * mesh.areas * (1.0 - poisson**2) * per_triangle(sail, mesh, "strength_Pa") / young
+    expansion = per_triangle(sail, mesh, "expansion_1_K")
+    if scene.flight.expansion_1_K is not None:
+        expansion = np.full(t, scene.flight.expansion_1_K)
+    of_edges = mesh.triangle_edges.T.ravel()
+    lists = np.empty((2, 0), np.uint32)
+    if on and (setup.on("damping") or scene.flight.on_failure == "remove"):
+        lists = slots(of_edges, len(mesh.edges), np.arange(3 * t), 3 * t)
+    modulus, rest = sheet_modulus(sail, mesh), only_if(on, mesh.lengths[of_edges] ** 2)
+    return Sheet(
+        sides=unsigned(of_edges if on else []), rest=rest, free=free_squares(scene, mesh, rest),
+        cotangent=only_if(on, cotangents(mesh).T.ravel()), area=only_if(on, 4.0 * mesh.areas),
+        modulus=only_if(on, modulus), shear=only_if(on, modulus * (1.0 - poisson)), poisson=only_if(on, poisson),
+        slots=lists, limit=only_if(on and setup.on("tensile_failure"), limit),
+        expansion=only_if(on and setup.on("expansion"), expansion),
+    )
+
+
+def work(model: Model) -> SheetWork:
+    """What all triangles carry when none is torn."""
+    sheet, tearing = model.effects.sheet, model.effects.tearing
+    return SheetWork(
+        modulus=own(sheet.modulus, tearing.removed > 0), shear=own(sheet.shear, tearing.removed > 0),
+        limit=own(sheet.limit, tearing.counted > 0),
+    )
+
+
+@hook
+def lengthen(model: Model, work: WorkSpace, temperature: Floats) -> None:
+    """Free lengths at temperature (n,), where triangles expand."""
+    grow(model.effects.sheet, model.stencil, model.triangles.corners, temperature, work.stencil.free)
+
+
+@hook
+def write(model: Model, work: WorkSpace, state: State, centre: Floats, row: Floats) -> None:
+    """Largest and smallest strain and elastic energy, of triangles or springs."""
+    if model.effects.sheet.modulus.size > 0:
+        row[_STRAIN_MAX], row[_STRAIN_MIN], row[_ENERGY] = strain_and_energy(
+            model.effects.sheet, work.effects.sheet, model.stencil, work.stencil.free, model.triangles.corners,
+            state.x, rows.patch(work.stencil.scratch, 0),
+        )
+    else:
+        row[_STRAIN_MAX], row[_STRAIN_MIN], row[_ENERGY] = springs.strain_and_energy(
+            model.effects.springs, state.x, work.effects.springs.free
+        )
 
 
 #: Squared sides 01, 12, 20 of a triangle less the free ones, d in m².

@@ -8,6 +8,11 @@ from typing import NamedTuple
 import numba
 
 from beamrider.arrays import Floats
+from dynamics.membrane.effects.interface import Decision, Plan, Setup
+from dynamics.scene.schema import Scene
+
+NAME = "spin_up"
+COST = "a pass over all nodes in each step before the release"
 
 
 class SpinUp(NamedTuple):
@@ -19,6 +24,34 @@ class SpinUp(NamedTuple):
     rate: float
     steps: int
     acceleration: float
+
+
+def _spin_up(scene: Scene, so_far: Plan) -> Decision:
+    return Decision(on=scene.release.spin_Hz != 0, reason=f"spin {scene.release.spin_Hz:g} Hz")
+
+
+PLAN = {"spin_up": _spin_up}
+
+
+def spin_up_time(scene: Scene) -> float:
+    """Length of the spin-up in s; if not given Gao et al.'s |f|/(1801.8 max(|f|/100 Hz, Γ)), Γ = 10, curved sails 2.
+
+    That is for sails of 0.5 m; larger ones, which elastic waves take as much longer to cross, get more.
+    """
+    if scene.flight.spin_up_s is not None:
+        return scene.flight.spin_up_s
+    f = abs(scene.release.spin_Hz)
+    larger = max(1.0, scene.sail.radius_m / 0.5)
+    return f / (1801.8 * max(f / 100.0, 10.0 if scene.sail.profile == "flat" else 2.0)) * larger
+
+
+def build(setup: Setup) -> SpinUp:
+    """Rate, length and acceleration; no steps where it is off."""
+    if not setup.on("spin_up"):
+        return SpinUp(0.0, 0, 0.0)
+    scene = setup.scene
+    rate, duration, gain = 2.0 * math.pi * scene.release.spin_Hz, spin_up_time(scene), scene.flight.spin_up_gain
+    return SpinUp(rate, math.ceil(duration / setup.dt), math.nan if gain is None else gain * rate / duration)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -49,7 +82,7 @@ def kick(spin: SpinUp, step: int, dt: float, masses: Floats, x: Floats, v: Float
 
 
 @numba.njit(cache=True, error_model="numpy")
-def foresee(masses: Floats, x: Floats, v: Floats, time: float, out: Floats) -> None:
+def extrapolate(masses: Floats, x: Floats, v: Floats, time: float, out: Floats) -> None:
     """Where nodes x (3, n) with velocities v will be after a short `time` in s, into out (3, n).
 
     They turn about the z axis through the centre of mass at the sail's mean rate L_z/I_z; what is left of the velocity

@@ -13,6 +13,12 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Floats, Indices
+from dynamics.membrane.arrays import Model, WorkSpace
+from dynamics.membrane.effects.interface import Setup, hook, only_if, slots, unsigned
+from dynamics.membrane.layout import rows
+
+NAME = "springs"
+COST = "a pass over all edges in each step"
 
 #: Temperature in K at which edges have their rest length.
 REFERENCE_TEMPERATURE = 300.0
@@ -33,6 +39,40 @@ class Springs(NamedTuple):
     slots: Indices
     stretch: Floats
     expansion: Floats
+
+
+class SpringsWork(NamedTuple):
+    """free (e,): stress-free lengths in m as they are now; empty where triangles carry the load."""
+
+    free: Floats
+
+
+def build(setup: Setup) -> Springs:
+    """The edges of the mesh, as springs unless triangles carry the load."""
+    mesh, lattice, joined = setup.mesh, setup.lattice, setup.lattice.stiffness.size > 0
+    m, lists = len(mesh.edges), np.empty((0, 0), np.uint32)
+    if setup.on("damping"):
+        lists = slots(mesh.edges.ravel(), len(mesh.nodes), (np.arange(m)[:, None] + np.array([0, m])).ravel(), 2 * m)
+    return Springs(
+        start=unsigned(mesh.edges[:, 0]), end=unsigned(mesh.edges[:, 1]), stiffness=lattice.stiffness,
+        rest=only_if(joined, mesh.lengths), slots=lists,
+        stretch=only_if(setup.on("tensile_failure") and joined, 1.0 + lattice.limit_strain),
+        expansion=only_if(setup.on("expansion") and joined, lattice.expansion),
+    )
+
+
+def work(model: Model) -> SpringsWork:
+    """Free lengths at rest."""
+    springs = model.effects.springs
+    return SpringsWork(springs.rest[: springs.stiffness.size].copy())
+
+
+@hook
+def lengthen(model: Model, work: WorkSpace, temperature: Floats) -> None:
+    """Free lengths (e,) at temperature (n,), where edges are springs that expand."""
+    if model.effects.springs.expansion.size > 0:
+        free_lengths(model.effects.springs, temperature, work.effects.springs.free)
+        rows.put(work.effects.springs.free, model.stencil.joins, work.stencil.lengths)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numba
@@ -9,19 +10,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamrider.arrays import Floats, Indices
+from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects import sheet
 from dynamics.membrane.effects.failure import INTACT, NON_FINITE, hot_corner
-from dynamics.membrane.effects.light_pressure import LightWork
+from dynamics.membrane.effects.interface import Decision, Plan, Setup, hook, needs_heat, only_if, starts
+from dynamics.membrane.effects.light_pressure import HeldLight
 from dynamics.membrane.effects.sheet import Sheet, SheetWork
 from dynamics.membrane.effects.springs import Springs
 from dynamics.membrane.effects.thermal import Heat, HeatWork
-from dynamics.membrane.layout import rows as stencil
+from dynamics.membrane.layout import rows
 from dynamics.membrane.layout.rows import Stencil, StencilWork
+from dynamics.membrane.state import State
+from dynamics.scene.schema import Scene
 
-#: What a failure does: it ends the flight, is counted, or takes the triangle out of the sail.
-STOP, RECORD, REMOVE = range(3)
+NAME = "tearing"
+COST = "a test of each element in every step, of each node whenever temperatures change"
+COLUMNS = {"failed_tensile": (1, "1"), "failed_thermal": (1, "1")}
+_TENSILE, _THERMAL = starts(COLUMNS)
+
+
+def _tensile(scene: Scene, so_far: Plan) -> Decision:
+    return Decision(on=True, reason="every material has a strength")
+
+
+def _thermal(scene: Scene, so_far: Plan) -> Decision:
+    return Decision(on=True, reason="every material has a failure temperature")
+
+
+PLAN = {"tensile_failure": _tensile, "thermal_failure": needs_heat(_thermal)}
+
 #: Entries of `Broken.tally`: failures by stress and by heat, the first triangle to fail, and its kind (0 or 1).
 BY_STRESS, BY_HEAT, FIRST, KIND = range(4)
+
+
+class Tearing(NamedTuple):
+    """What becomes of a triangle that fails.
+
+    counted, removed: of how many triangles it is noted that they failed, or that they are gone; 0 where the first
+    failure ends the flight, or where none is removed. most: failed triangles that a flight outlives. shares (3t,): what
+    each triangle gives its sides 01, then 12, then 20 of their conductance in W/K; empty where none is removed.
+    """
+
+    counted: int
+    removed: int
+    most: int
+    shares: Floats
 
 
 class Broken(NamedTuple):
@@ -40,10 +73,42 @@ class Broken(NamedTuple):
     conductance: Floats
 
 
+def build(setup: Setup) -> Tearing:
+    """What the scene makes of a failure."""
+    given, t = setup.scene.flight, len(setup.mesh.triangles)
+    removes = given.on_failure == "remove"
+    return Tearing(
+        counted=t if given.on_failure != "stop" else 0, removed=t if removes else 0,
+        most=math.floor(given.broken_fraction * t), shares=only_if(removes, setup.lattice.conductance_shares.T.ravel()),
+    )
+
+
+def work(model: Model) -> Broken:
+    """Nothing failed yet."""
+    tearing, effects = model.effects.tearing, model.effects
+    conducts = effects.heat.conductance.size > 0 and effects.properties.conduction.region.size == 0
+    return Broken(
+        failed=np.zeros(tearing.counted, np.int64), gone=np.zeros(tearing.removed, np.int64),
+        tally=np.zeros(4, np.int64), first=np.zeros(4), conductance=tearing.shares if conducts else np.empty(0),
+    )
+
+
+@hook
+def write(model: Model, work: WorkSpace, state: State, centre: Floats, row: Floats) -> None:
+    """How many triangles have failed so far, by stress and by heat."""
+    row[_TENSILE], row[_THERMAL] = work.effects.tearing.tally[BY_STRESS], work.effects.tearing.tally[BY_HEAT]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def failures(broken: Broken) -> int:
+    """How many triangles have failed."""
+    return broken.tally[BY_STRESS] + broken.tally[BY_HEAT]
+
+
 @numba.njit(cache=True, error_model="numpy")
 def _note(broken: Broken, i: int, kind: int, t: float, x: Floats, springs: Springs, side: int) -> None:
     """Count the failure of triangle i, and keep time and place (the middle of a side) of the first."""
-    if broken.tally[BY_STRESS] + broken.tally[BY_HEAT] == 0:
+    if failures(broken) == 0:
         broken.tally[FIRST], broken.tally[KIND], broken.first[0] = i, kind, t
         for c in range(3):
             broken.first[1 + c] = 0.5 * (x[c, springs.start[side]] + x[c, springs.end[side]])
@@ -53,7 +118,7 @@ def _note(broken: Broken, i: int, kind: int, t: float, x: Floats, springs: Sprin
 
 @numba.njit(cache=True, error_model="numpy")
 def _remove(
-    broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: LightWork, layout: Stencil, held: Floats,
+    broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: HeldLight, layout: Stencil, held: Floats,
     i: int,
 ) -> None:
     """Take triangle i out: it carries, absorbs, reflects, emits and conducts nothing any more."""
@@ -69,20 +134,27 @@ def _remove(
             for place in model.slots[:, side]:
                 if place < 3 * size and broken.gone[place % size] == 0:
                     heat.conductance[side] += broken.conductance[place]
-    darken(broken, light, layout, held, i)
+    remove_light(broken, light, layout, held, i)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def darken(broken: Broken, light: LightWork, layout: Stencil, held: Floats, i: int) -> None:
+def remove_light(broken: Broken, light: HeldLight, layout: Stencil, held: Floats, i: int) -> None:
     """No light on triangle i, where there is light and the triangle is gone; held (f, 3, p) as in the stencil."""
     if light.incident.size > 0 and broken.gone[i] != 0:
         light.incident[i], light.absorbed[i] = 0.0, 0.0
-        stencil.drop(layout, i, held)
+        rows.drop(layout, i, held)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def remove_all_light(broken: Broken, light: HeldLight, layout: Stencil, held: Floats) -> None:
+    """No light on all triangles that are gone."""
+    for i in range(broken.gone.size):
+        remove_light(broken, light, layout, held, i)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def tear(
-    broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: LightWork, layout: Stencil,
+    broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: HeldLight, layout: Stencil,
     space: StencilWork, springs: Springs, corners: Indices, x: Floats, t: float,
 ) -> tuple[int, int, int]:
     """Note, and where asked remove, every triangle above its strength at nodes x (3, n) and time t in s.
@@ -106,7 +178,7 @@ def tear(
 
 @numba.njit(cache=True, error_model="numpy")
 def burn(
-    broken: Broken, model: Sheet, work: SheetWork, limits: Heat, heat: HeatWork, light: LightWork, layout: Stencil,
+    broken: Broken, model: Sheet, work: SheetWork, limits: Heat, heat: HeatWork, light: HeldLight, layout: Stencil,
     held: Floats, springs: Springs, corners: Indices, x: Floats, temperature: Floats, t: float,
 ) -> None:
     """The same for triangles with a node above their limit; the place is the middle of the side that starts there."""

@@ -15,7 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamrider.arrays import Floats, Indices
+from dynamics.membrane.arrays import Model, WorkSpace
+from dynamics.membrane.bodies import inertial, mounted
 from dynamics.membrane.effects.held import Holder, field
+from dynamics.membrane.effects.interface import Decision, Plan, Setup, hook, only_if, unsigned
+from dynamics.sail import payload
+from dynamics.scene.schema import Scene
+
+NAME = "tethers"
+COST = "a sum over the tethers in each step; steps are taken one at a time"
+
+
+def _payload(scene: Scene, so_far: Plan) -> Decision:
+    return Decision(on=bool(scene.payload), reason=f"{len(scene.payload)} point masses on tethers")
+
+
+PLAN = {"payload": _payload}
 
 
 class Tethers(NamedTuple):
@@ -23,6 +38,7 @@ class Tethers(NamedTuple):
 
     body (k,): their masses. corners, weights (3, k): nodes that share their ends, and their shares. stiffness (k,) in
     N/m, length (k,) in m, retardation (k,) in s, strength (k,) in N; pushes (k,): 1 for struts, else 0.
+    per_mass (n,) in 1/kg of the nodes, 0 where they are held fast.
     """
 
     mass: Floats
@@ -35,6 +51,7 @@ class Tethers(NamedTuple):
     retardation: Floats
     strength: Floats
     pushes: Floats
+    per_mass: Floats
 
 
 class TetherWork(NamedTuple):
@@ -49,6 +66,43 @@ class TetherWork(NamedTuple):
     force: Floats
     tension: Floats
     snapped: NDArray[np.int64]
+
+
+def build(setup: Setup) -> Tethers:
+    """The payload of a scene; InputError where a tether misses the sail."""
+    scene, mesh, masses = setup.scene, setup.mesh, setup.lattice.masses
+    found = payload.tethers(scene.carried)
+    corners, weights = payload.on_mesh(found.to, mesh, f"{scene.name}.yaml")
+    ends = np.einsum("kj,kjc->kc", weights, mesh.nodes[corners])
+    middle = masses @ mesh.nodes / masses.sum()
+    return Tethers(
+        mass=found.mass, start=np.ascontiguousarray(mounted(scene, (found.position - middle).T)),
+        body=unsigned(found.body), corners=unsigned(corners.T), weights=np.ascontiguousarray(weights.T),
+        stiffness=found.stiffness, length=found.lengths(ends), retardation=found.retardation,
+        strength=found.strength, pushes=found.pushes,
+        per_mass=only_if(found.mass.size > 0, 1.0 / inertial(scene, mesh, masses)),
+    )
+
+
+def work(model: Model) -> TetherWork:
+    """The masses at rest where they start."""
+    lines = model.effects.tethers
+    b, k = lines.mass.size, lines.body.size
+    v, acceleration, force = np.zeros((3, 3, b))
+    return TetherWork(lines.start.copy(), v, acceleration, force, np.zeros(k), np.zeros(k, np.int64))
+
+
+@hook
+def acts_each_step(model: Model) -> bool:
+    """Its masses move beside the nodes, which no sweep over rows knows."""
+    return model.effects.tethers.mass.size > 0
+
+
+@hook
+def accelerate(model: Model, work: WorkSpace, x: Floats, v: Floats, t: float) -> None:
+    """Add the pull of the tethers; theirs on the masses goes to its own work arrays."""
+    if model.effects.tethers.mass.size > 0:
+        tie(model.effects.tethers, work.effects.tethers, model.effects.held, x, v, t, work.acceleration)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -79,8 +133,7 @@ def _stretch(tethers: Tethers, work: TetherWork, x: Floats, v: Floats, k: int, a
 
 @numba.njit(cache=True, error_model="numpy")
 def tie(
-    tethers: Tethers, work: TetherWork, holder: Holder, x: Floats, v: Floats, per_mass: Floats, t: float,
-    acceleration: Floats,
+    tethers: Tethers, work: TetherWork, holder: Holder, x: Floats, v: Floats, t: float, acceleration: Floats
 ) -> None:
     """Add the tethers' pull on nodes x, v (3, n) to acceleration (3, n); that of the masses, at t in s, to `work`."""
     away = np.empty(3)
@@ -98,7 +151,7 @@ def tie(
             work.force[c, tethers.body[k]] -= tension * away[c]
             for j in range(3):
                 i = tethers.corners[j, k]
-                acceleration[c, i] += tethers.weights[j, k] * tension * away[c] * per_mass[i]
+                acceleration[c, i] += tethers.weights[j, k] * tension * away[c] * tethers.per_mass[i]
     for c in range(3):
         for b in range(tethers.mass.size):
             work.acceleration[c, b] = work.force[c, b] / tethers.mass[b]
@@ -131,7 +184,7 @@ def turn_on(work: TetherWork, turn: float) -> None:
         work.v[1, b] += turn * work.x[0, b]
 
 
-def columns(masses: int, lines: int) -> dict[str, tuple[int, str]]:
+def payload_columns(masses: int, lines: int) -> dict[str, tuple[int, str]]:
     """Names, widths and units of what `note` writes about so many masses and tethers."""
     if masses == 0:
         return {}
@@ -148,7 +201,7 @@ def width(masses: int, lines: int) -> int:
 
 @numba.njit(cache=True, error_model="numpy")
 def note(work: TetherWork, row: Floats) -> None:
-    """The numbers of `columns` into row (width,)."""
+    """The numbers of `payload_columns` into row (width,)."""
     masses, lines = work.x.shape[1], work.tension.size
     for b in range(masses):
         for c in range(3):

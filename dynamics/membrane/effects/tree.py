@@ -27,7 +27,7 @@ class Tree(NamedTuple):
     bounds: Integers
 
 
-def plant(centres: Floats) -> Tree:
+def build_tree(centres: Floats) -> Tree:
     """The tree over triangles with centres (t, 3) at rest."""
     leaves = 1
     while leaves * LEAF < len(centres):

@@ -6,15 +6,10 @@ Each at the start of a line of the cache.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numba
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
 from beamrider.arrays import Integers
+from beamrider.machine_code.atomics import add, let_others, look
 
 TICKET, TASK, SOURCE, MOVES, LEVELS, SEAM, DONE = 0, 8, 9, 10, 11, 12, 16
 BOARD, ORDERS = 24, 4
@@ -22,51 +17,14 @@ BOARD, ORDERS = 24, 4
 _PATIENCE = 200_000
 
 
-def _place(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-    array = context.make_array(signature.args[0])(context, builder, args[0])
-    return builder.gep(array.data, [args[1]])
-
-
-@intrinsic
-def _look(typing: Any, board: Any, place: Any) -> Any:
-    """Entry of the board; what was written before it was written is seen from here on."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.load_atomic(_place(context, builder, signature, args), "acquire", 8)
-
-    return types.int64(board, types.intp), generate
-
-
-@intrinsic
-def add(typing: Any, board: Any, place: Any, value: Any) -> Any:
-    """Add to an entry of the board; who sees it also sees what was written before."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.atomic_rmw("add", _place(context, builder, signature, args), args[2], "acq_rel")
-
-    return types.int64(board, types.intp, types.int64), generate
-
-
-@intrinsic
-def _let_others(typing: Any) -> Any:
-    """Let another process have the core, if one wants it (POSIX sched_yield)."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kind = ir.FunctionType(ir.IntType(32), [])
-        builder.call(cgutils.get_or_insert_function(builder.module, kind, "sched_yield"), [])
-        return context.get_dummy_value()
-
-    return types.void(), generate
-
-
 @numba.njit(cache=True)
 def wait(board: Integers, place: int, value: int) -> None:
     """Until an entry of the board is at least `value`."""
     looks = 0
-    while _look(board, place) < value:
+    while look(board, place) < value:
         looks += 1
         if looks > _PATIENCE:
-            _let_others()
+            let_others()
 
 
 @numba.njit(cache=True)

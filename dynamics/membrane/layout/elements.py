@@ -12,10 +12,19 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Floats
-from dynamics.membrane.layout.streams import streams
+from beamrider.machine_code.streams import streams
 
 #: Numbers in front of those of each row in the work space, which stay 0; rows begin at multiples of it.
 GUARD = np.uint64(8)
+
+#: Three components of vectors, or one number for each side of triangles: rows of an array, side by side.
+Three = tuple[Floats, Floats, Floats]
+
+
+@numba.njit(cache=True, inline="always")
+def apart(rows: Floats) -> Three:
+    """The rows of an array (3, ·)."""
+    return rows[0], rows[1], rows[2]
 
 
 @numba.njit(cache=True, inline="always")
@@ -32,15 +41,22 @@ def turned(
 
 @streams()
 def strain(
-    lit: bool, o: int, n: int, ahead: int, beyond: int, x0: Floats, x1: Floats, x2: Floats, f0: Floats, f1: Floats,
-    f2: Floats, k0: Floats, k1: Floats, k2: Floats, shear: Floats, bound: Floats, share: float, h0: Floats, h1: Floats,
-    h2: Floats, a0: Floats, a1: Floats, a2: Floats, b0: Floats, b1: Floats, b2: Floats, c0: Floats, c1: Floats,
-    c2: Floats, sum0: Floats, sum1: Floats, sum2: Floats,
+    lit: bool, o: int, n: int, ahead: int, beyond: int, x: Three, free: Three, scale: Three, shear: Floats,
+    bound: Floats, share: float, held: Three, one: Three, two: Three, three: Three, sums: Three,
 ) -> int:
     """Forces on the three corners of triangles o … o + n, as in `sheet`; how many may have failed.
 
-    lit: with a share of the light's force on each of them, which is also added to sums (w,).
+    x: nodes; free, scale, shear, bound, held: as in `StencilWork`; one, two, three (w,): forces on each corner. lit:
+    with a share of the light's force on each of them, which is also added to sums (w,).
     """
+    x0, x1, x2 = x
+    f0, f1, f2 = free
+    k0, k1, k2 = scale
+    h0, h1, h2 = held
+    a0, a1, a2 = one
+    b0, b1, b2 = two
+    c0, c1, c2 = three
+    sum0, sum1, sum2 = sums
     bad = 0
     for i in range(n):
         j, first, second, third = i + GUARD, o + i, o + i + ahead, o + i + beyond
@@ -77,10 +93,13 @@ def strain(
 
 @streams()
 def push(
-    o: int, n: int, ahead: int, beyond: int, x0: Floats, x1: Floats, x2: Floats, share: float, h0: Floats, h1: Floats,
-    h2: Floats, a0: Floats, a1: Floats, a2: Floats, sum0: Floats, sum1: Floats, sum2: Floats,
+    o: int, n: int, ahead: int, beyond: int, x: Three, share: float, held: Three, out: Three, sums: Three
 ) -> None:
-    """A share of the light's force on each corner of triangles o … o + n, which is also added to sums (w,)."""
+    """A share of the light's force on each corner of triangles o … o + n, to out (w,), also added to sums (w,)."""
+    x0, x1, x2 = x
+    h0, h1, h2 = held
+    a0, a1, a2 = out
+    sum0, sum1, sum2 = sums
     for i in range(n):
         j, first, second, third = i + GUARD, o + i, o + i + ahead, o + i + beyond
         m0, m1, m2 = turned(
@@ -94,10 +113,11 @@ def push(
 
 @streams()
 def stretch(
-    o: int, n: int, ahead: int, x0: Floats, x1: Floats, x2: Floats, stiffness: Floats, free: Floats, stretch: Floats,
-    a0: Floats, a1: Floats, a2: Floats,
+    o: int, n: int, ahead: int, x: Three, stiffness: Floats, free: Floats, stretch: Floats, out: Three
 ) -> int:
     """Force k (ℓ − L) d/ℓ of springs o … o + n on their first end; how many are longer than allowed, or not finite."""
+    x0, x1, x2 = x
+    a0, a1, a2 = out
     bad = 0
     for i in range(n):
         j, first, second = i + GUARD, o + i, o + i + ahead
@@ -135,7 +155,7 @@ def advance(
     o: int, n: int, force: Floats, per_mass: Floats, close: float, start: float, dt: float, v: Floats, x: Floats,
     new_v: Floats, new_x: Floats,
 ) -> None:
-    """One component of a step, from forces (n,): see `Pace`."""
+    """One component of a step, from forces (n,): see `StepTimes`."""
     for m in range(n):
         i = o + m
         acceleration = force[m] * per_mass[i]

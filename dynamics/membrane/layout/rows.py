@@ -65,7 +65,7 @@ class Scratch(NamedTuple):
     but the present one. ends (threads, levels, 3, k, 3, w): of edges, on their first end. push, force
     (threads, 3, w): of the light and on nodes. lanes (threads, 3, 8): partial sums. sums (levels, r, 3): the light's
     force on each row in N. bad (threads,): how many elements failed. shares (threads + 1,): the rows of each thread.
-    found, seen (threads, 2, 2): see `optical.respond`. sides (k, 6, c), frame (k, 10, c), response (k, c, 4): patches
+    found, seen (threads, 2, 2): see `respond`. sides (k, 6, c), frame (k, 10, c), response (k, c, 4): patches
     of triangles, see `triangles.Patch`. board, orders: see `board`.
     """
 
@@ -105,7 +105,7 @@ class StencilWork(NamedTuple):
     scratch: Scratch
 
 
-class Pace(NamedTuple):
+class StepTimes(NamedTuple):
     """A step: velocities change by `close` and then by `open` times the acceleration, nodes move on for dt; all in s.
 
     moves: False to write accelerations in place of the velocities after it. share: a third of light's
@@ -120,7 +120,7 @@ class Pace(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def spread(values: Floats, slots: Indices, out: Floats) -> None:
+def put(values: Floats, slots: Indices, out: Floats) -> None:
     """Put values (m,) into their slots (m,) of out."""
     flat = out.reshape(-1)
     for i in range(slots.size):
@@ -128,7 +128,7 @@ def spread(values: Floats, slots: Indices, out: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def lay(place: Indices, x: Floats, out: Floats) -> None:
+def scatter(place: Indices, x: Floats, out: Floats) -> None:
     """Nodes x (3, n) to their places in out (3, p)."""
     x0, x1, x2 = x[0], x[1], x[2]
     y0, y1, y2 = out[0], out[1], out[2]
@@ -140,7 +140,7 @@ def lay(place: Indices, x: Floats, out: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def pick(place: Indices, x: Floats, out: Floats) -> None:
+def gather(place: Indices, x: Floats, out: Floats) -> None:
     """Nodes out (3, n) from their places in x (3, p)."""
     x0, x1, x2 = x[0], x[1], x[2]
     y0, y1, y2 = out[0], out[1], out[2]

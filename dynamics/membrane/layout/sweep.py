@@ -15,10 +15,10 @@ from __future__ import annotations
 import numba
 
 from beamrider.arrays import Floats
+from beamrider.machine_code.streams import by_row
 from dynamics.membrane.layout import elements
-from dynamics.membrane.layout.elements import GUARD
-from dynamics.membrane.layout.rows import Pace, Stencil, StencilWork
-from dynamics.membrane.layout.streams import by_row
+from dynamics.membrane.layout.elements import GUARD, apart
+from dynamics.membrane.layout.rows import Stencil, StencilWork, StepTimes
 
 
 @by_row(forceinline=True)
@@ -27,24 +27,21 @@ def _strain_row(
 ) -> int:
     """Forces on the corners of the triangles that begin on row r; how many may have failed."""
     o, n, bad, ahead, below = stencil.start[r], stencil.width[r], 0, stencil.triangles.ahead, stencil.triangles.below
-    x0, x1, x2, sums, corners = x[0], x[1], x[2], work.scratch.push[thread], work.scratch.corners[thread]
+    nodes, sums, corners = apart(x), apart(work.scratch.push[thread]), work.scratch.corners[thread]
     for f in range(ahead.shape[1]):
-        free, scale = work.free[f], work.scale[f]
-        a, b, c = corners[0, r % 2, f, 0], corners[level * below[f, 0], r % 2, f, 1], corners[
-            level * below[f, 1], r % 2, f, 2
-        ]
+        free, scale = apart(work.free[f]), apart(work.scale[f])
+        one = apart(corners[0, r % 2, f, 0])
+        two = apart(corners[level * below[f, 0], r % 2, f, 1])
+        three = apart(corners[level * below[f, 1], r % 2, f, 2])
         if share > 0.0:
-            held = work.held[f]
             bad += elements.strain(
-                True, o, n, ahead[r, f, 0], ahead[r, f, 1], x0, x1, x2, free[0], free[1], free[2], scale[0], scale[1],
-                scale[2], work.shear[f], work.bound[f], share, held[0], held[1], held[2], a[0], a[1], a[2], b[0], b[1],
-                b[2], c[0], c[1], c[2], sums[0], sums[1], sums[2],
+                True, o, n, ahead[r, f, 0], ahead[r, f, 1], nodes, free, scale, work.shear[f], work.bound[f], share,
+                apart(work.held[f]), one, two, three, sums,
             )
         else:
             bad += elements.strain(
-                False, o, n, ahead[r, f, 0], ahead[r, f, 1], x0, x1, x2, free[0], free[1], free[2], scale[0], scale[1],
-                scale[2], work.shear[f], work.bound[f], share, x0, x1, x2, a[0], a[1], a[2], b[0], b[1], b[2], c[0],
-                c[1], c[2], sums[0], sums[1], sums[2],
+                False, o, n, ahead[r, f, 0], ahead[r, f, 1], nodes, free, scale, work.shear[f], work.bound[f], share,
+                nodes, one, two, three, sums,
             )
     return bad
 
@@ -55,20 +52,16 @@ def _stretch_row(
 ) -> int:
     """The same of springs, and the light's force on the corners of the triangles."""
     o, n, bad, ahead, below = stencil.start[r], stencil.width[r], 0, stencil.edges.ahead, stencil.edges.below
-    x0, x1, x2, sums = x[0], x[1], x[2], work.scratch.push[thread]
+    nodes, sums = apart(x), apart(work.scratch.push[thread])
     for f in range(ahead.shape[1]):
-        out = work.scratch.ends[thread, level * below[f, 0], r % 2, f]
+        out = apart(work.scratch.ends[thread, level * below[f, 0], r % 2, f])
         bad += elements.stretch(
-            o, n, ahead[r, f, 0], x0, x1, x2, stencil.stiffness[f], work.lengths[f], stencil.stretch[f], out[0],
-            out[1], out[2],
+            o, n, ahead[r, f, 0], nodes, stencil.stiffness[f], work.lengths[f], stencil.stretch[f], out
         )
     ahead = stencil.triangles.ahead
     for f in range(ahead.shape[1] if share > 0.0 else 0):
-        held, out = work.held[f], work.scratch.corners[thread, level, r % 2, f, 0]
-        elements.push(
-            o, n, ahead[r, f, 0], ahead[r, f, 1], x0, x1, x2, share, held[0], held[1], held[2], out[0], out[1], out[2],
-            sums[0], sums[1], sums[2],
-        )
+        out = apart(work.scratch.corners[thread, level, r % 2, f, 0])
+        elements.push(o, n, ahead[r, f, 0], ahead[r, f, 1], nodes, share, apart(work.held[f]), out, sums)
     return bad
 
 
@@ -120,14 +113,14 @@ def _collect(stencil: Stencil, work: StencilWork, r: int, thread: int, level: in
 
 
 @by_row(forceinline=True)
-def _move(stencil: Stencil, work: StencilWork, r: int, thread: int, source: int, pace: Pace) -> None:
+def _move(stencil: Stencil, work: StencilWork, r: int, thread: int, source: int, times: StepTimes) -> None:
     """What the forces do to the nodes of row r."""
     o, n, target, scratch = stencil.start[r], stencil.width[r], 1 - source, work.scratch
     force, per_mass, v, x = scratch.force[thread], stencil.per_mass, scratch.v, scratch.x
     for c in range(3):
-        if pace.moves:
+        if times.moves:
             elements.advance(
-                o, n, force[c], per_mass, pace.close, pace.open, pace.dt, v[source, c], x[source, c], v[target, c],
+                o, n, force[c], per_mass, times.close, times.open, times.dt, v[source, c], x[source, c], v[target, c],
                 x[target, c],
             )
         else:
@@ -146,7 +139,7 @@ def _add_light(stencil: Stencil, work: StencilWork, r: int, thread: int, level: 
 
 @by_row(forceinline=True)
 def _pass(
-    stencil: Stencil, work: StencilWork, source: int, pace: Pace, thread: int, level: int, r: int, ahead: int
+    stencil: Stencil, work: StencilWork, source: int, times: StepTimes, thread: int, level: int, r: int, ahead: int
 ) -> int:
     """Forces on nodes x[source] of row r, and what follows for them; how many elements may have failed.
 
@@ -154,17 +147,17 @@ def _pass(
     """
     found = 0
     for k in range(r - ahead, r + 1):
-        found = _act(stencil, work, work.scratch.x[source], k, thread, level, pace.share)
-    _collect(stencil, work, r, thread, level, pace.share > 0.0)
-    _move(stencil, work, r, thread, source, pace)
-    if pace.share > 0.0:
+        found = _act(stencil, work, work.scratch.x[source], k, thread, level, times.share)
+    _collect(stencil, work, r, thread, level, times.share > 0.0)
+    _move(stencil, work, r, thread, source, times)
+    if times.share > 0.0:
         _add_light(stencil, work, r, thread, level)
     return found
 
 
 @by_row()
 def sweep(
-    stencil: Stencil, work: StencilWork, source: int, pace: Pace, thread: int, levels: int, seam: bool
+    stencil: Stencil, work: StencilWork, source: int, times: StepTimes, thread: int, levels: int, seam: bool
 ) -> None:
     """So many steps from nodes x[source], if they move, of the rows of a thread; failures to bad[thread].
 
@@ -181,7 +174,7 @@ def sweep(
             r, top = wave - level, first + lean * level
             if top <= r < end + slant * level:
                 here = source if level % 2 == 0 else 1 - source
-                bad += _pass(stencil, work, here, pace, thread, level, r, 1 if r == top and r > 0 else 0)
+                bad += _pass(stencil, work, here, times, thread, level, r, 1 if r == top and r > 0 else 0)
     work.scratch.bad[thread] = bad
 
 

@@ -21,7 +21,7 @@ class Patch(NamedTuple):
     """Triangles that are looked at together, few enough for the first cache: c of them, or all where rays are traced.
 
     sides (6, c): two sides, as in `triangles.sides`. frame (10, c): n (3), double area, 1/|e₁|, e₂·ê₁, the z components
-    of ê₁ and n × ê₁, u, v. response (c, 4): q_g, q_r, q_n, absorptance.
+    of ê₁ and n × ê₁, u, v and later the sums of the corners' x and y. response (c, 4): q_g, q_r, q_n, absorptance.
     """
 
     sides: Floats

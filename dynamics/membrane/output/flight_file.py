@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,23 +23,15 @@ from beamrider.io.checksum import append_checksum
 from beamrider.io.files import atomic
 from beamrider.io.hdf5 import new_hdf5
 from beamrider.provenance.record import as_attribute
-from dynamics.membrane.output.record import COLUMNS, WIDTH
+from dynamics.membrane.output.record import COLUMNS, SIZES, WIDTH
 from dynamics.sail.attitude import angles_from_rotation
 from dynamics.sail.mesh import Mesh
 
 TRIANGLE = 5  # VTK's number for the cell type
 _PACKED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 
-#: Scalars and vectors (their length) that go from the rows to /series as they are, with their units.
-_PLAIN = {
-    "time": (1, "s"), "position": (3, "m"), "velocity": (3, "m/s"), "temperature_max": (1, "K"),
-    "temperature_min": (1, "K"), "temperature_mean": (1, "K"), "temperature_max_triangles": (1, "K"),
-    "strain_max": (1, "1"), "strain_min": (1, "1"),
-    "energy_kinetic": (1, "J"), "energy_elastic": (1, "J"), "power_incident": (1, "W"), "power_absorbed": (1, "W"),
-    "power_radiated": (1, "W"), "force": (3, "N"), "torque": (3, "N m"), "impulse": (3, "N s"),
-    "outside_table": (1, "1"), "power_reflected": (1, "W"), "failed_tensile": (1, "1"),
-    "failed_thermal": (1, "1"),
-}
+#: Columns of the rows that don't go to /series: attitude and spin follow from them.
+_INNER = ("fit", "inertia")
 
 
 @dataclass(frozen=True)
@@ -55,6 +47,7 @@ class Frame:
     velocity: Floats
     temperature: Floats
     strain: Floats
+    _: KW_ONLY
     failed: Floats | None = None
     slack: Floats | None = None
 
@@ -90,7 +83,7 @@ def series(
         values = rows[:, COLUMNS[name] : COLUMNS[name] + width]
         return values[:, 0] if width == 1 else values
 
-    result = {name: (column(name, width), unit) for name, (width, unit) in _PLAIN.items()}
+    result = {name: (column(name, width), unit) for name, (width, unit) in SIZES.items() if name not in _INNER}
     if start_temperature is not None:
         for name in [name for name in result if name.startswith("temperature_")]:
             result[name] = (np.full(len(rows), start_temperature), "K")
@@ -98,7 +91,6 @@ def series(
     for name, angle in zip(("roll", "pitch", "yaw"), angles_from_rotation(turn), strict=True):
         result[name] = (angle, "rad")
     result["spin"] = (spin_rate(turn, column("angular_momentum", 3), column("inertia", 6)), "Hz")
-    result["angular_momentum"] = (column("angular_momentum", 3), "kg m²/s")
     begin = WIDTH
     for name, (width, unit) in (more or {}).items():
         result[name] = (rows[:, begin : begin + width], unit)

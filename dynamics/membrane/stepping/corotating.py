@@ -25,14 +25,14 @@ from beamrider.arrays import Floats, Indices
 from dynamics.membrane.arrays import Model
 from dynamics.membrane.effects.springs import Springs
 from dynamics.membrane.output.record import centre
-from dynamics.membrane.stepping.dissection import Factor, Solution, solve
+from dynamics.membrane.stepping.dissection import Factor, Solution, solve_factorised
 from dynamics.membrane.stepping.integrators import copy
 
 #: Passes that find the velocity half a step before a release: each errs by the one before times the angle of turn.
 PASSES = 8
 
 
-class Carrier(NamedTuple):
+class Corotating(NamedTuple):
     """What the scheme adds to a model.
 
     plane, across: factors of M + ½ Δt² K (and the Coriolis term) in the sail's plane, two unknowns a node, and across
@@ -48,18 +48,18 @@ class Carrier(NamedTuple):
     substeps: int
 
 
-class CarrierWork(NamedTuple):
-    """Work space, all (3, n): places r and velocities u about the centre of mass, velocities without rotation later.
+class CorotatingWork(NamedTuple):
+    """Work space, all (3, n): positions r and velocities u about the centre of mass, velocities without rotation later.
 
-    field: acceleration without its rigid part; carried: in the frame's axes, of nodes that stay where they are there.
+    field: acceleration without its rigid part; transport: in the frame's axes, of nodes that stay where they are there.
     plane (2n,), across (n,): right-hand sides and solutions. frame (3, 3): its axes as rows. motion (8, 3): centre,
     its velocity and acceleration, ω, its rate, and sums. rate (n,): heating rate of the step before in K/s.
     """
 
-    places: Floats
+    positions: Floats
     drift: Floats
     field: Floats
-    carried: Floats
+    transport: Floats
     plane: Floats
     across: Floats
     frame: Floats
@@ -155,30 +155,30 @@ def _subtract_rigid(r: Floats, field: Floats, mean: Floats, turn: Floats, out: F
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _decompose(model: Model, own: CarrierWork, tensor: Floats, x: Floats, v: Floats, acceleration: Floats) -> None:
+def _decompose(model: Model, own: CorotatingWork, tensor: Floats, x: Floats, v: Floats, acceleration: Floats) -> None:
     """Frame and rigid motion of nodes x (3, n), velocities v half a step ago and accelerations; what they leave."""
     masses, motion, still = model.masses, own.motion, np.zeros(3)
     centre(masses, x, motion[CENTRE])
     centre(masses, v, motion[VELOCITY])
     centre(masses, acceleration, motion[ACCELERATION])
-    _subtract_rigid(x, x, motion[CENTRE], still, own.places)
+    _subtract_rigid(x, x, motion[CENTRE], still, own.positions)
     _subtract_rigid(x, v, motion[VELOCITY], still, own.drift)
-    _inertia(masses, own.places, tensor)
-    _turning(masses, own.places, own.drift, tensor, motion[MOMENT], motion[OMEGA])
-    _turning(masses, own.places, acceleration, tensor, motion[MOMENT], motion[ALPHA])
-    _subtract_rigid(own.places, own.drift, still, motion[OMEGA], own.drift)
-    _subtract_rigid(own.places, acceleration, motion[ACCELERATION], motion[ALPHA], own.field)
-    _axes(masses, model.rest, own.places, own.frame)
+    _inertia(masses, own.positions, tensor)
+    _turning(masses, own.positions, own.drift, tensor, motion[MOMENT], motion[OMEGA])
+    _turning(masses, own.positions, acceleration, tensor, motion[MOMENT], motion[ALPHA])
+    _subtract_rigid(own.positions, own.drift, still, motion[OMEGA], own.drift)
+    _subtract_rigid(own.positions, acceleration, motion[ACCELERATION], motion[ALPHA], own.field)
+    _axes(masses, model.rest, own.positions, own.frame)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _residual(model: Model, own: CarrierWork, dt: float) -> float:
+def _residual(model: Model, own: CorotatingWork, dt: float) -> float:
     """Right-hand sides of the step, M times what is left of the acceleration; returns the spin ω·n in rad/s.
 
     The centripetal acceleration is the one with which nodes that move along chords stay on their circle. The velocity
     of now follows from that half a step ago, u, with ÿ = 0: (1 − Δt ω J) ẏ = u + ½ Δt a, J a quarter turn.
     """
-    r, u, b, motion, e = own.places, own.drift, own.field, own.motion, own.frame
+    r, u, b, motion, e = own.positions, own.drift, own.field, own.motion, own.frame
     w0, w1, w2 = motion[OMEGA, 0], motion[OMEGA, 1], motion[OMEGA, 2]
     spin = w0 * e[2, 0] + w1 * e[2, 1] + w2 * e[2, 2]
     angle = dt * spin
@@ -195,7 +195,7 @@ def _residual(model: Model, own: CarrierWork, dt: float) -> float:
         uy = e[1, 0] * u[0, i] + e[1, 1] * u[1, i] + e[1, 2] * u[2, i] + 0.5 * dt * cy
         x, y = cx - 2.0 * spin * share * (uy + angle * ux), cy + 2.0 * spin * share * (ux - angle * uy)
         m = model.masses[i]
-        own.carried[0, i], own.carried[1, i] = x, y
+        own.transport[0, i], own.transport[1, i] = x, y
         own.plane[2 * i] = m * (e[0, 0] * b[0, i] + e[0, 1] * b[1, i] + e[0, 2] * b[2, i] - x)
         own.plane[2 * i + 1] = m * (e[1, 0] * b[0, i] + e[1, 1] * b[1, i] + e[1, 2] * b[2, i] - y)
         own.across[i] = m * (e[2, 0] * b[0, i] + e[2, 1] * b[1, i] + e[2, 2] * b[2, i])
@@ -203,21 +203,21 @@ def _residual(model: Model, own: CarrierWork, dt: float) -> float:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _assemble(own: CarrierWork, dt: float, spin: float) -> None:
-    """Field (3, n) of accelerations in the lab: carried, ÿ of the solutions, and the Coriolis term of ½ Δt ÿ."""
+def _assemble(own: CorotatingWork, dt: float, spin: float) -> None:
+    """Field (3, n) of accelerations in the lab: transport, ÿ of the solutions, and the Coriolis term of ½ Δt ÿ."""
     e, angle = own.frame, dt * spin
     share = angle / (1.0 + angle * angle)
     for i in range(own.across.size):
         px, py, z = own.plane[2 * i], own.plane[2 * i + 1], own.across[i]
-        x = own.carried[0, i] + px - share * (py + angle * px)
-        y = own.carried[1, i] + py + share * (px - angle * py)
+        x = own.transport[0, i] + px - share * (py + angle * px)
+        y = own.transport[1, i] + py + share * (px - angle * py)
         for c in range(3):
             own.field[c, i] = e[0, c] * x + e[1, c] * y + e[2, c] * z
 
 
 @numba.njit(cache=True, error_model="numpy")
-def soften(
-    model: Model, carrier: Carrier, own: CarrierWork, x: Floats, v: Floats, acceleration: Floats
+def replace_accelerations(
+    model: Model, scheme: Corotating, own: CorotatingWork, x: Floats, v: Floats, acceleration: Floats
 ) -> None:
     """Replace accelerations (3, n) of nodes x, velocities v half a step ago, by those of the scheme.
 
@@ -226,46 +226,46 @@ def soften(
     tensor = np.empty((3, 3))
     _decompose(model, own, tensor, x, v, acceleration)
     spin = _residual(model, own, model.dt)
-    solve(carrier.plane, own.in_plane, own.plane)
-    solve(carrier.across, own.out_of_plane, own.across)
+    solve_factorised(scheme.plane, own.in_plane, own.plane)
+    solve_factorised(scheme.across, own.out_of_plane, own.across)
     _assemble(own, model.dt, spin)
     motion = own.motion
     centre(model.masses, own.field, motion[SUM])
-    _turning(model.masses, own.places, own.field, tensor, motion[MOMENT], motion[TURN])
+    _turning(model.masses, own.positions, own.field, tensor, motion[MOMENT], motion[TURN])
     for c in range(3):
         motion[SUM, c] -= motion[ACCELERATION, c]
         motion[TURN, c] -= motion[ALPHA, c]
-    _subtract_rigid(own.places, own.field, motion[SUM], motion[TURN], acceleration)
+    _subtract_rigid(own.positions, own.field, motion[SUM], motion[TURN], acceleration)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def soften_released(
-    model: Model, carrier: Carrier, own: CarrierWork, x: Floats, v: Floats, acceleration: Floats
+def replace_at_release(
+    model: Model, scheme: Corotating, own: CorotatingWork, x: Floats, v: Floats, acceleration: Floats
 ) -> None:
     """The same where v (3, n) are velocities of now: those half a step ago follow from the result, pass by pass."""
     true, before = acceleration.copy(), v.copy()
     for _ in range(PASSES):
         copy(true, acceleration)
-        soften(model, carrier, own, x, before, acceleration)
+        replace_accelerations(model, scheme, own, x, before, acceleration)
         for c in range(3):
             for i in range(model.masses.size):
                 before[c, i] = v[c, i] - 0.5 * model.dt * acceleration[c, i]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def beyond(springs: Springs, carrier: Carrier, slots: Indices, lengths: Floats, own: CarrierWork) -> int:
+def beyond(springs: Springs, scheme: Corotating, slots: Indices, lengths: Floats, own: CorotatingWork) -> int:
     """A triangle of the first edge of more strain and slope than the scheme bears, or not finite; −1 if there is none.
 
     lengths (f, 3, p): squared free lengths in m², in which slots (3t,) are the places of the sides of the triangles.
     """
     free = lengths.reshape(-1)
-    r, e, height = own.places, own.frame, own.across
+    r, e, height = own.positions, own.frame, own.across
     for i in range(height.size):
         height[i] = e[2, 0] * r[0, i] + e[2, 1] * r[1, i] + e[2, 2] * r[2, i]
     for k in range(springs.start.size):
         a, b = springs.start[k], springs.end[k]
         d0, d1, d2, rise = r[0, b] - r[0, a], r[1, b] - r[1, a], r[2, b] - r[2, a], height[b] - height[a]
-        square = free[slots[carrier.sides[k]]]
-        if not 0.5 * (d0 * d0 + d1 * d1 + d2 * d2 - square) + 2.0 * rise * rise <= carrier.most * square:
-            return carrier.sides[k] % (slots.size // 3)
+        square = free[slots[scheme.sides[k]]]
+        if not 0.5 * (d0 * d0 + d1 * d1 + d2 * d2 - square) + 2.0 * rise * rise <= scheme.most * square:
+            return scheme.sides[k] % (slots.size // 3)
     return -1

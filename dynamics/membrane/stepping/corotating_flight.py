@@ -5,13 +5,20 @@ from __future__ import annotations
 import numba
 
 from beamrider.arrays import Floats
+from dynamics.light.aim import brightness
 from dynamics.light.intensity import mean_ramp
-from dynamics.membrane.arrays import Model, Work
+from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects import failure
 from dynamics.membrane.effects.spin import SpinUp, kick
 from dynamics.membrane.output.record import write_due, write_last
 from dynamics.membrane.state import State
-from dynamics.membrane.stepping.corotating import Carrier, CarrierWork, beyond, soften, soften_released
+from dynamics.membrane.stepping.corotating import (
+    Corotating,
+    CorotatingWork,
+    beyond,
+    replace_accelerations,
+    replace_at_release,
+)
 from dynamics.membrane.stepping.integrators import VERLET, accumulate, advance, copy
 from dynamics.membrane.stepping.step import evaluate, warm_up
 from dynamics.membrane.stepping.threads import dismiss
@@ -20,46 +27,50 @@ from dynamics.membrane.stepping.threads import dismiss
 @numba.njit(cache=True, error_model="numpy")
 def _gain(model: Model, begin: float, end: float) -> float:
     """Mean share of the beam's full intensity from `begin` to `end` in s: it may rise within a small part of a step."""
-    return mean_ramp(begin, end, model.light.delay, model.light.rise, model.light.on) if model.lit else 0.0
+    if not model.lit:
+        return 0.0
+    light = model.effects.light
+    return mean_ramp(begin, end, light.delay, light.rise, light.on) * brightness(light.wander, 0.5 * (begin + end))
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _act(model: Model, work: Work, state: State) -> None:
+def _act(model: Model, work: WorkSpace, state: State) -> None:
     """Half a step of the present accelerations."""
     accumulate(state.v, 0.5 * model.dt, work.acceleration)
     if work.gain[0] > 0.0:
         for c in range(3):
-            state.impulse[c] += 0.5 * model.dt * work.light.total[c]
+            state.impulse[c] += 0.5 * model.dt * work.effects.light.total[c]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _warm(model: Model, state: State, work: Work, own: CarrierWork) -> None:
+def _warm(model: Model, state: State, work: WorkSpace, own: CorotatingWork) -> None:
     """Temperatures one step on, by the two-step method of Adams & Bashforth (Hairer, Nørsett & Wanner, §III.1)."""
     for i in range(state.temperature.size):
-        rate = work.heat.rate[i]
+        rate = work.effects.heat.rate[i]
         state.temperature[i] += model.dt * (1.5 * rate - 0.5 * own.rate[i])
         own.rate[i] = rate
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _spin(model: Model, carrier: Carrier, state: State, work: Work, n: int, k: int) -> float:
+def _spin(model: Model, scheme: Corotating, state: State, work: WorkSpace, n: int, k: int) -> float:
     """To the evaluation of explicit step k within step n of the spin-up; returns the time left of step n in s."""
-    size = model.dt / carrier.substeps
-    spin_up = SpinUp(model.spin_up.rate, model.spin_up.steps * carrier.substeps, model.spin_up.acceleration)
-    kick(spin_up, n * carrier.substeps + k, size, model.masses, state.x, state.v)
+    size = model.dt / scheme.substeps
+    given = model.effects.spin_up
+    spin_up = SpinUp(given.rate, given.steps * scheme.substeps, given.acceleration)
+    kick(spin_up, n * scheme.substeps + k, size, model.masses, state.x, state.v)
     advance(VERLET, size, work.acceleration, state, work.stage, 0)
-    return (carrier.substeps - 1 - k) * size
+    return (scheme.substeps - 1 - k) * size
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _carry(model: Model, carrier: Carrier, state: State, work: Work, own: CarrierWork, fresh: bool) -> int:
+def _finish(model: Model, scheme: Corotating, state: State, work: WorkSpace, own: CorotatingWork, fresh: bool) -> int:
     """From the true accelerations to those of the scheme, and to the end of the step; a failure code."""
     if fresh:
-        soften_released(model, carrier, own, state.x, state.v, work.acceleration)
+        replace_at_release(model, scheme, own, state.x, state.v, work.acceleration)
     else:
-        soften(model, carrier, own, state.x, state.v, work.acceleration)
+        replace_accelerations(model, scheme, own, state.x, state.v, work.acceleration)
         _act(model, work, state)
-    triangle = beyond(model.springs, carrier, model.stencil.slots, work.stencil.free, own)
+    triangle = beyond(model.effects.springs, scheme, model.stencil.slots, work.stencil.free, own)
     if triangle >= 0:
         work.flags[1] = triangle
         return failure.BEYOND
@@ -68,18 +79,18 @@ def _carry(model: Model, carrier: Carrier, state: State, work: Work, own: Carrie
 
 @numba.njit(cache=True, error_model="numpy")
 def _step(
-    model: Model, carrier: Carrier, state: State, work: Work, own: CarrierWork, n: int, fresh: bool
+    model: Model, scheme: Corotating, state: State, work: WorkSpace, own: CorotatingWork, n: int, fresh: bool
 ) -> int:
     """From step n to n + 1, or, if `fresh`, just the evaluation of a state that came from no step; a failure code."""
     spinning_up = n < model.release
     if model.warm and not fresh:
         _warm(model, state, work, own)
-    pieces = carrier.substeps if spinning_up and not fresh else 1
+    pieces = scheme.substeps if spinning_up and not fresh else 1
     t, gain = ((n if fresh else n + 1) - model.release) * model.dt, 0.0
     for k in range(pieces):
         when = t
         if spinning_up and not fresh:
-            when -= _spin(model, carrier, state, work, n, k)
+            when -= _spin(model, scheme, state, work, n, k)
         elif not spinning_up:
             if not fresh:
                 _act(model, work, state)
@@ -94,21 +105,21 @@ def _step(
         if code != failure.INTACT:
             return code
         if spinning_up and not fresh:
-            accumulate(state.v, 0.5 * model.dt / carrier.substeps, work.acceleration)
+            accumulate(state.v, 0.5 * model.dt / scheme.substeps, work.acceleration)
     if model.warm and fresh:
-        copy(work.heat.rate, own.rate)
-    return failure.INTACT if spinning_up else _carry(model, carrier, state, work, own, fresh)
+        copy(work.effects.heat.rate, own.rate)
+    return failure.INTACT if spinning_up else _finish(model, scheme, state, work, own, fresh)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def run(
-    model: Model, carrier: Carrier, state: State, work: Work, own: CarrierWork, n: int, stop: int, fresh: bool,
-    rows: Floats,
+    model: Model, scheme: Corotating, state: State, work: WorkSpace, own: CorotatingWork, n: int, stop: int,
+    fresh: bool, rows: Floats,
 ) -> tuple[int, int, int]:
     """As `dynamics.membrane.stepping.step.run`, with the steps of this scheme."""
     written, code = 0, failure.INTACT
     while code == failure.INTACT and (fresh or n < stop):
-        code = _step(model, carrier, state, work, own, n, fresh)
+        code = _step(model, scheme, state, work, own, n, fresh)
         n += 0 if fresh else 1
         if code == failure.INTACT:
             code, written = write_due(model, state, work, n, fresh, rows, written)

@@ -20,7 +20,7 @@ from dynamics.membrane.lattice import (
     sheet_matrix,
 )
 from dynamics.membrane.plan import plan
-from dynamics.membrane.stepping.corotating import Carrier, CarrierWork
+from dynamics.membrane.stepping.corotating import Corotating, CorotatingWork
 from dynamics.membrane.stepping.dissection_setup import factorise, solution_space
 from dynamics.sail.mesh import Mesh
 from dynamics.scene.schema import Scene
@@ -94,7 +94,7 @@ def _fastest(membrane: csr_matrix, masses: Floats) -> float:
     return float(np.sqrt(found[0]))
 
 
-def carrier(scene: Scene, mesh: Mesh, masses: Floats, dt: float) -> Carrier:
+def corotating(scene: Scene, mesh: Mesh, masses: Floats, dt: float) -> Corotating:
     """The scheme's matrices, factorised, for steps of dt in s, and how its spin-up is flown."""
     n, points = masses.size, mesh.nodes[:, :2]
     angle = dt * 2.0 * math.pi * scene.release.spin_Hz
@@ -108,7 +108,7 @@ def carrier(scene: Scene, mesh: Mesh, masses: Floats, dt: float) -> Carrier:
     modulus /= 1.0 - per_triangle(scene.sail, mesh, "poisson") ** 2
     sides = np.zeros(len(mesh.edges), dtype=np.uint32)
     sides[mesh.triangle_edges.T.ravel()] = np.arange(mesh.triangle_edges.size)
-    return Carrier(
+    return Corotating(
         plane=factorise(csr_matrix(kron(diags(masses), inertia) + IN_PLANE * dt**2 * stiffness), points),
         across=factorise(csr_matrix(diags(masses) + ACROSS * dt**2 * tension * membrane), points), sides=sides,
         most=(tension + explicit) / (SPARE * float(modulus.max())),
@@ -116,12 +116,12 @@ def carrier(scene: Scene, mesh: Mesh, masses: Floats, dt: float) -> Carrier:
     )
 
 
-def carrier_work(carried: Carrier, model: Model) -> CarrierWork:
+def corotating_work(scheme: Corotating, model: Model) -> CorotatingWork:
     """Work space of the scheme."""
     n = model.masses.size
-    return CarrierWork(
-        places=np.zeros((3, n)), drift=np.zeros((3, n)), field=np.zeros((3, n)), carried=np.zeros((3, n)),
+    return CorotatingWork(
+        positions=np.zeros((3, n)), drift=np.zeros((3, n)), field=np.zeros((3, n)), transport=np.zeros((3, n)),
         plane=np.zeros(2 * n), across=np.zeros(n), frame=np.zeros((3, 3)), motion=np.zeros((8, 3)),
-        rate=np.zeros(n if model.warm else 0), in_plane=solution_space(carried.plane),
-        out_of_plane=solution_space(carried.across),
+        rate=np.zeros(n if model.warm else 0), in_plane=solution_space(scheme.plane),
+        out_of_plane=solution_space(scheme.across),
     )

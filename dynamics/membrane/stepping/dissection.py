@@ -28,7 +28,7 @@ class Factor(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Work space of `solve`: y (n,) in the order of elimination; part and more (widest,) of a block."""
+    """Work space of `solve_factorised`: y (n,) in the order of elimination; part and more (widest,) of a block."""
 
     y: Floats
     part: Floats
@@ -88,7 +88,7 @@ def _substitute(factor: Factor, space: Solution) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def solve(factor: Factor, space: Solution, values: Floats) -> None:
+def solve_factorised(factor: Factor, space: Solution, values: Floats) -> None:
     """Replace the right-hand sides in values (n,), in their own order, by the unknowns."""
     order, y = factor.order, space.y
     for i in range(order.size):

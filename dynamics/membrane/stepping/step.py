@@ -11,71 +11,56 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Floats
-from dynamics.membrane.arrays import Model, Work
-from dynamics.membrane.effects import damping, failure, held, properties, reflections, sheet, tearing, tethers, thermal
-from dynamics.membrane.effects import springs as elastic
-from dynamics.membrane.effects.spin import foresee, kick
-from dynamics.membrane.layout import rows as stencil
-from dynamics.membrane.layout.rows import Pace
+from dynamics.light.aim import aim
+from dynamics.membrane.arrays import Model, WorkSpace
+from dynamics.membrane.effects import composition, failure, properties, sheet, tearing, tethers, thermal
+from dynamics.membrane.effects.spin import extrapolate, kick
+from dynamics.membrane.layout.rows import StepTimes, gather, scatter, stiffen
 from dynamics.membrane.layout.sweep import add_up
 from dynamics.membrane.output.record import write_due, write_last
 from dynamics.membrane.state import State
-from dynamics.membrane.stepping.force_steps import add_impulse, free_run, gain_at, glide
+from dynamics.membrane.stepping.force_steps import add_impulse, free_steps, gain_at, take_free_steps
 from dynamics.membrane.stepping.integrators import RK4, VERLET, accumulate, advance, advance_heat, copy
 from dynamics.membrane.stepping.threads import dismiss, respond_all, sweep_all
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _darken(model: Model, work: Work) -> None:
-    """No light on the triangles that are gone."""
-    for i in range(work.broken.gone.size):
-        tearing.darken(work.broken, work.light, model.stencil, work.stencil.held, i)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _light_up(model: Model, work: Work, x: Floats, v: Floats, temperature: Floats, t: float) -> int:
+def _light_up(model: Model, work: WorkSpace, x: Floats, v: Floats, temperature: Floats, t: float) -> int:
     """New coefficients of the light's forces at time t in s; INTACT or LEFT_TABLE.
 
     What is held over k steps is that of the middle of them, (k − 1)/2 steps ahead: late coefficients would be an error
-    of first order.
+    of first order. Coefficients are those of the triangles' own frames, so the nodes may be seen in that of a beam that
+    wanders.
     """
-    ahead = 0.5 * (model.optics_every - 1) * model.dt
+    ahead, own, light = 0.5 * (model.optics_every - 1) * model.dt, model.effects.light, work.effects.light
     if model.optics_every > 1:
-        foresee(model.masses, x, v, ahead, work.ahead)
+        extrapolate(model.masses, x, v, ahead, work.ahead)
     else:
         copy(x, work.ahead)
-    properties.absorb(model.curves.absorption, model.light.corners, temperature, work.light.absorptance)
-    respond_all(model.light, work.light, work.ahead, work.broken.gone, model.stencil, work.stencil)
-    if work.light.outside[2] > 0 or (work.light.outside[0] > 0 and not model.light.clamp):
+    if own.wander.periods.size > 0:
+        aim(own.wander, t + ahead, work.ahead)
+    properties.absorb(model.effects.properties.absorption, own.corners, temperature, light.absorptance)
+    respond_all(own, light, work.ahead, work.effects.tearing.gone, model.stencil, work.stencil)
+    if light.outside[2] > 0 or (light.outside[0] > 0 and not own.clamp):
         return failure.LEFT_TABLE
-    _darken(model, work)
-    if model.mirror.kind.size > 0:
-        patch = stencil.patch(work.stencil.scratch, 0)
-        reflections.bounce(
-            model.mirror, work.mirror, model.light, work.light, patch, work.ahead, work.broken.gone, t + ahead
-        )
-        stencil.hold(model.stencil, patch.response, 0, 0, model.stencil.cells.size, work.stencil.held)
-        _darken(model, work)
+    tearing.remove_all_light(work.effects.tearing, light, model.stencil, work.stencil.held)
+    composition.relight(model, work, work.ahead, t + ahead)
     work.flags[0] = 1
     return failure.INTACT
 
 
 @numba.njit(cache=True, error_model="numpy")
-def warm_up(model: Model, work: Work, x: Floats, temperature: Floats, t: float, whole: bool) -> int:
+def warm_up(model: Model, work: WorkSpace, x: Floats, temperature: Floats, t: float, whole: bool) -> int:
     """Free lengths at new temperatures; INTACT, THERMAL or NON_FINITE. What fails is tested after `whole` steps."""
-    layout, corners = model.stencil, model.triangles.corners
-    sheet.grow(model.sheet, layout, corners, temperature, work.stencil.free)
-    properties.grow(model.curves.expansion, model.sheet, layout, corners, temperature, work.stencil.free)
-    elastic.free_lengths(model.springs, temperature, work.free)
-    if model.springs.expansion.size > 0:
-        stencil.spread(work.free, model.stencil.joins, work.stencil.lengths)
+    composition.lengthen(model, work, temperature)
     if not whole:
         return failure.INTACT
-    code, found = failure.first_burnt(corners, model.heat.limit, model.heat.lowest, temperature)
-    if code == failure.THERMAL and work.broken.failed.size > 0:
+    corners, heat, broken = model.triangles.corners, model.effects.heat, work.effects.tearing
+    code, found = failure.first_burnt(corners, heat.limit, heat.lowest, temperature)
+    if code == failure.THERMAL and broken.failed.size > 0:
         tearing.burn(
-            work.broken, model.sheet, work.sheet, model.heat, work.heat, work.light, layout, work.stencil.held,
-            model.springs, corners, x, temperature, t,
+            broken, model.effects.sheet, work.effects.sheet, heat, work.effects.heat, work.effects.light,
+            model.stencil, work.stencil.held, model.effects.springs, corners, x, temperature, t,
         )
         lay_out(model, work)
         return failure.INTACT
@@ -84,34 +69,32 @@ def warm_up(model: Model, work: Work, x: Floats, temperature: Floats, t: float, 
 
 
 @numba.njit(cache=True, error_model="numpy")
-def lay_out(model: Model, work: Work) -> None:
+def lay_out(model: Model, work: WorkSpace) -> None:
     """To the stencil what triangles carry, which changes as they fail."""
-    carried = work.sheet
-    stencil.stiffen(
-        model.stencil, model.sheet.cotangent, carried.modulus, carried.shear, carried.limit, work.stencil
-    )
+    now = work.effects.sheet
+    stiffen(model.stencil, model.effects.sheet.cotangent, now.modulus, now.shear, now.limit, work.stencil)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _pull(model: Model, work: Work, x: Floats, t: float, gain: float) -> int:
+def _pull(model: Model, work: WorkSpace, x: Floats, t: float, gain: float) -> int:
     """Accelerations by elasticity and held light into work.stencil; INTACT, TENSILE or NON_FINITE."""
-    still = Pace(False, 0.0, 0.0, 0.0, gain / 3.0)
-    stencil.lay(model.stencil.place, x, work.stencil.scratch.x[0])
+    still, own, now = StepTimes(False, 0.0, 0.0, 0.0, gain / 3.0), model.effects, work.effects
+    scatter(model.stencil.place, x, work.stencil.scratch.x[0])
     if sweep_all(model.stencil, work.stencil, 0, still) == 0:
         return failure.INTACT
-    if model.sheet.modulus.size == 0:
-        code, work.flags[1] = failure.first_torn(model.springs, x, work.free)
+    if own.sheet.modulus.size == 0:
+        code, work.flags[1] = failure.first_torn(own.springs, x, now.springs.free)
         return code
-    if work.broken.failed.size == 0:
+    if now.tearing.failed.size == 0:
         torn, finite = sheet.first_torn(
-            model.sheet, work.sheet, model.stencil, work.stencil.free, model.triangles.corners, x
+            own.sheet, now.sheet, model.stencil, work.stencil.free, model.triangles.corners, x
         )
         if torn < 0:
             return failure.INTACT
         work.flags[1] = torn
         return failure.TENSILE if finite else failure.NON_FINITE
     code, work.flags[1], torn = tearing.tear(
-        work.broken, model.sheet, work.sheet, work.heat, work.light, model.stencil, work.stencil, model.springs,
+        now.tearing, own.sheet, now.sheet, now.heat, now.light, model.stencil, work.stencil, own.springs,
         model.triangles.corners, x, t,
     )
     if torn > 0:
@@ -131,7 +114,7 @@ def _finite(x: Floats) -> bool:
 
 @numba.njit(cache=True, error_model="numpy")
 def evaluate(
-    model: Model, work: Work, x: Floats, v: Floats, temperature: Floats, t: float, gain: float, renew: bool,
+    model: Model, work: WorkSpace, x: Floats, v: Floats, temperature: Floats, t: float, gain: float, renew: bool,
     heating: bool,
 ) -> int:
     """Acceleration and heating rate at x, v (3, n), temperature (n,) and time t in s; a failure code.
@@ -145,43 +128,30 @@ def evaluate(
         light = _light_up(model, work, x, v, temperature, t)
     code = _pull(model, work, x, t, gain)
     if code == failure.INTACT and light != failure.INTACT:
-        work.flags[1] = work.light.outside[1]
+        work.flags[1] = work.effects.light.outside[1]
         return light
     if code != failure.INTACT:
         return code
-    add_up(work.stencil.scratch.sums[0], work.light.total)
-    stencil.pick(model.stencil.place, work.stencil.scratch.v[1], work.acceleration)
-    if model.retardation.size > 0:
-        damping.resist(
-            model.retardation, model.sheet, work.sheet, model.springs, work.damping, x, v, model.per_mass,
-            work.acceleration
-        )
-    if model.holder.acts:
-        held.hold(model.holder, x, v, model.per_mass, t, work.acceleration)
-    if model.tethers.mass.size > 0:
-        tethers.tie(model.tethers, work.tethers, model.holder, x, v, model.per_mass, t, work.acceleration)
+    add_up(work.stencil.scratch.sums[0], work.effects.light.total)
+    gather(model.stencil.place, work.stencil.scratch.v[1], work.acceleration)
+    composition.accelerate(model, work, x, v, t)
     if heating:
-        properties.update(
-            model.curves, model.triangles.corners, temperature, work.broken.gone, work.heat.emission,
-            work.heat.conductance, work.heat.per_capacity,
-        )
-        thermal.rates(
-            model.heat, work.heat, model.springs, model.triangles.corners, stencil.patch(work.stencil.scratch, 0), x,
-            temperature, work.light.absorbed, gain,
-        )
+        thermal.begin(work.effects.heat)
+        composition.heat(model, work, x, temperature)
+        thermal.end(work.effects.heat)
     return failure.INTACT
 
 
 @numba.njit(cache=True, error_model="numpy")
-def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int) -> tuple[int, int]:
+def step(model: Model, state: State, work: WorkSpace, n: int, fresh: bool, most: int) -> tuple[int, int]:
     """From step n at most `most` steps on, or, if `fresh`, just the evaluation of a state that came from no step.
 
     Returns (failure code, step reached).
     """
-    integrator, dt = model.integrator, model.dt
-    if not fresh and n < model.spin_up.steps:
-        turn = kick(model.spin_up, n, dt, model.masses, state.x, state.v)
-        tethers.turn_on(work.tethers, turn)
+    integrator, dt, every = model.integrator, model.dt, model.effects.heat.every
+    if not fresh and n < model.effects.spin_up.steps:
+        turn = kick(model.effects.spin_up, n, dt, model.masses, state.x, state.v)
+        tethers.turn_on(work.effects.tethers, turn)
     evaluations = 4 if integrator == RK4 and not fresh else 1
     now = n if fresh else n + 1
     for k in range(evaluations):
@@ -189,23 +159,22 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int)
         warmed, heating = model.warm, model.warm
         if not fresh:
             acts = advance(integrator, dt, work.acceleration, state, work.stage, k)
-            add_impulse(work.gain[0], work.light.total, acts, state.impulse)
-            if model.tethers.mass.size > 0:
-                tethers.drift(work.tethers, acts, dt)
+            add_impulse(work.gain[0], work.effects.light.total, acts, state.impulse)
+            tethers.drift(work.effects.tethers, acts, dt)
             if model.warm:
                 warmed, heating = advance_heat(
-                    integrator, dt, model.heat.every, work.heat.rate, state, work.stage, n - model.release, k
+                    integrator, dt, every, work.effects.heat.rate, state, work.stage, n - model.release, k
                 )
         x = state.x if last else work.stage.x
-        temperature = work.stage.temperature if not last and model.heat.every == 1 else state.temperature
+        temperature = work.stage.temperature if not last and every == 1 else state.temperature
         t = (now - model.release) * dt if last else (n - model.release + (1.0 if k == 2 else 0.5)) * dt
         if warmed:
             code = warm_up(model, work, x, temperature, t, last)
             if code != failure.INTACT:
                 return code, now
         if not fresh and most > 1:
-            now += glide(model, state, work, now, most - 1)
-            t, heating = (now - model.release) * dt, model.warm and (now - model.release) % model.heat.every == 0
+            now += take_free_steps(model, state, work, now, most - 1)
+            t, heating = (now - model.release) * dt, model.warm and (now - model.release) % every == 0
         renew = fresh or (last and (now - model.release) % model.optics_every == 0)
         v = state.v if last else work.stage.v
         code = evaluate(model, work, x, v, temperature, t, gain_at(model, t), renew, heating)
@@ -213,14 +182,14 @@ def step(model: Model, state: State, work: Work, n: int, fresh: bool, most: int)
             return code, now
     if integrator == VERLET and not fresh:
         accumulate(state.v, 0.5 * dt, work.acceleration)
-        add_impulse(work.gain[0], work.light.total, 0.5 * dt, state.impulse)
-        tethers.settle(work.tethers, dt)
+        add_impulse(work.gain[0], work.effects.light.total, 0.5 * dt, state.impulse)
+        tethers.settle(work.effects.tethers, dt)
     return failure.INTACT, now
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def run(
-    model: Model, state: State, work: Work, n: int, stop: int, fresh: bool, rows: Floats
+    model: Model, state: State, work: WorkSpace, n: int, stop: int, fresh: bool, rows: Floats
 ) -> tuple[int, int, int]:
     """Steps from n to `stop`, with a row (·, WIDTH) every series_every steps, at t = 0, at the end and where it fails.
 
@@ -230,7 +199,7 @@ def run(
     """
     written, code = 0, failure.INTACT
     while code == failure.INTACT and (fresh or n < stop):
-        code, n = step(model, state, work, n, fresh, free_run(model, n, stop))
+        code, n = step(model, state, work, n, fresh, free_steps(model, n, stop))
         if code == failure.INTACT:
             code, written = write_due(model, state, work, n, fresh, rows, written)
         fresh = False

@@ -10,10 +10,10 @@ from __future__ import annotations
 import numba
 
 from beamrider.arrays import Floats, Integers
-from dynamics.membrane.effects import light_pressure as optical
-from dynamics.membrane.effects.light_pressure import Light, LightWork
-from dynamics.membrane.layout import rows as stencil
-from dynamics.membrane.layout import sweep
+from beamrider.machine_code.atomics import add
+from dynamics.membrane.effects import light_pressure
+from dynamics.membrane.effects.light_pressure import HeldLight, LightPressure
+from dynamics.membrane.layout import rows, sweep
 from dynamics.membrane.layout.board import (
     DONE,
     LEVELS,
@@ -22,28 +22,27 @@ from dynamics.membrane.layout.board import (
     SOURCE,
     TASK,
     TICKET,
-    add,
     collect,
     hand_out,
     part,
     wait,
 )
-from dynamics.membrane.layout.rows import Pace, Stencil, StencilWork
+from dynamics.membrane.layout.rows import Stencil, StencilWork, StepTimes
 
 LEAVE, SWEEP, RESPOND = range(3)
 
 @numba.njit(cache=True, error_model="numpy")
-def _sweep_together(layout: Stencil, work: StencilWork, source: int, pace: Pace, levels: int, seam: bool) -> int:
+def _sweep_together(layout: Stencil, work: StencilWork, source: int, times: StepTimes, levels: int, seam: bool) -> int:
     """The sweep of each thread; how many elements may have failed. At the seams the first thread has nothing to do."""
     scratch = work.scratch
     board, others = scratch.board, scratch.bad.size - 1
     if others > 0:
-        scratch.orders[0], scratch.orders[1] = pace.close, pace.open
-        scratch.orders[2], scratch.orders[3] = pace.dt, pace.share
-        board[SOURCE], board[MOVES], board[LEVELS], board[SEAM] = source, pace.moves, levels, seam
+        scratch.orders[0], scratch.orders[1] = times.close, times.open
+        scratch.orders[2], scratch.orders[3] = times.dt, times.share
+        board[SOURCE], board[MOVES], board[LEVELS], board[SEAM] = source, times.moves, levels, seam
         hand_out(board, SWEEP)
     if not seam:
-        sweep.sweep(layout, work, source, pace, 0, levels, False)
+        sweep.sweep(layout, work, source, times, 0, levels, False)
     if others > 0:
         collect(board, others)
     bad = 0
@@ -53,17 +52,17 @@ def _sweep_together(layout: Stencil, work: StencilWork, source: int, pace: Pace,
 
 
 @numba.njit(cache=True, error_model="numpy")
-def sweep_all(layout: Stencil, work: StencilWork, source: int, pace: Pace, levels: int = 1) -> int:
+def sweep_all(layout: Stencil, work: StencilWork, source: int, times: StepTimes, levels: int = 1) -> int:
     """So many steps, at most those of the work space; how many elements may have failed or are not finite."""
     bad = 0
     for turn in range(2 if levels > 1 and work.scratch.bad.size > 1 else 1):
-        bad += _sweep_together(layout, work, source, pace, levels, turn == 1)
+        bad += _sweep_together(layout, work, source, times, levels, turn == 1)
     return bad
 
 
 @numba.njit(cache=True, error_model="numpy")
 def respond_all(
-    light: Light, work: LightWork, x: Floats, gone: Integers, layout: Stencil, space: StencilWork
+    light: LightPressure, work: HeldLight, x: Floats, gone: Integers, layout: Stencil, space: StencilWork
 ) -> None:
     """Light on all triangles at nodes x (3, n), which must be `ahead` of the work space."""
     scratch = space.scratch
@@ -71,13 +70,13 @@ def respond_all(
     if threads > 1:
         hand_out(scratch.board, RESPOND)
     begin, end = part(size, 0, threads)
-    optical.respond(
-        light, work, stencil.patch(scratch, 0), layout, x, gone, begin, end, scratch.found[0], scratch.seen[0],
+    light_pressure.respond(
+        light, work, rows.patch(scratch, 0), layout, x, gone, begin, end, scratch.found[0], scratch.seen[0],
         space.held,
     )
     if threads > 1:
         collect(scratch.board, threads - 1)
-    optical.note(work, scratch.found, scratch.seen)
+    light_pressure.note(work, scratch.found, scratch.seen)
 
 
 @numba.njit(cache=True)
@@ -88,7 +87,7 @@ def dismiss(board: Integers) -> None:
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def assist(
-    layout: Stencil, work: StencilWork, light: Light, lit: LightWork, ahead: Floats, gone: Integers, thread: int
+    layout: Stencil, work: StencilWork, light: LightPressure, lit: HeldLight, ahead: Floats, gone: Integers, thread: int
 ) -> None:
     """What a thread other than the first does from the start of `step.run` to its end; the board must be empty."""
     scratch, ticket = work.scratch, 0
@@ -99,12 +98,12 @@ def assist(
         if board[TASK] == LEAVE:
             return
         if board[TASK] == SWEEP:
-            pace = Pace(board[MOVES] == 1, orders[0], orders[1], orders[2], orders[3])
-            sweep.sweep(layout, work, board[SOURCE], pace, thread, board[LEVELS], board[SEAM] == 1)
+            times = StepTimes(board[MOVES] == 1, orders[0], orders[1], orders[2], orders[3])
+            sweep.sweep(layout, work, board[SOURCE], times, thread, board[LEVELS], board[SEAM] == 1)
         else:
             begin, end = part(light.corners.shape[1], thread, threads)
-            optical.respond(
-                light, lit, stencil.patch(scratch, thread), layout, ahead, gone, begin, end,
+            light_pressure.respond(
+                light, lit, rows.patch(scratch, thread), layout, ahead, gone, begin, end,
                 scratch.found[thread], scratch.seen[thread], work.held,
             )
         add(board, DONE, 1)

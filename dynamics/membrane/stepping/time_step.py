@@ -9,8 +9,8 @@ import numpy as np
 from beamrider.arrays import Floats
 from beamrider.io.files import InputError
 from dynamics.membrane.effects import thermal
+from dynamics.membrane.effects.interface import Plan
 from dynamics.membrane.lattice import per_triangle
-from dynamics.membrane.plan import Effect
 from dynamics.sail.mesh import Mesh
 from dynamics.scene.schema import Scene
 from optics.table.pressure_table import PressureTable
@@ -67,7 +67,7 @@ def hottest_possible(
     faces = np.array([m.lowest("emissivity_front") + m.lowest("emissivity_back") for m in materials])[mesh.sector]
     light = np.zeros(len(mesh.areas))
     if heat.absorbs:
-        light += scene.beam.intensity_W_m2 * np.array(absorptances)[mesh.sector]
+        light += scene.beam.brightest_W_m2 * np.array(absorptances)[mesh.sector]
     least = np.array([m.lowest("heat_capacity_J_kgK") for m in materials])[mesh.sector]
     capacity = per_triangle(sail, mesh, "areal_mass") * least
     kept = flight.start_temperature_K + light * flight.duration_s * flight.thermal_rate / capacity
@@ -80,7 +80,7 @@ def hottest_possible(
 
 
 def check_heat(
-    scene: Scene, mesh: Mesh, heat: thermal.Heat, effects: dict[str, Effect], absorptances: list[float], dt: float
+    scene: Scene, mesh: Mesh, heat: thermal.Heat, effects: Plan, absorptances: list[float], dt: float
 ) -> None:
     """InputError where a node would lose its heat in less than half the time between two updates of its temperature.
 

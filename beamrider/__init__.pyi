@@ -1,0 +1,11 @@
+from .api import Cell as Cell
+from .api import InputError as InputError
+from .api import PressureTable as PressureTable
+from .api import Scene as Scene
+from .api import fly as fly
+from .api import fly_flexible as fly_flexible
+from .api import read_cell as read_cell
+from .api import read_scene as read_scene
+from .api import screen as screen
+from .api import solve as solve
+from .api import stability as stability

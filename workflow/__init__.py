@@ -1,0 +1,1 @@
+"""The workflow: what its rules run, and what they are decided by. Each program is run as `python -m workflow.NAME`."""

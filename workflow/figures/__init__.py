@@ -1,0 +1,1 @@
+"""Figures and tables, each a program: `python -m workflow.figures.NAME`."""
