@@ -37,7 +37,7 @@ rule all:
         "results/contents.sha256",
 
 
-attach(workflow.rules, ancient(MACHINE_CODE) if os.environ.get("BEAMRIDER_COMPILE_FIRST") else None)
+attach(workflow.rules, ancient(MACHINE_CODE) if os.environ.get("BEAMRIDER_COMPILE_FIRST") else None, plan.files)
 keys.attach()  # to all rules above, with the inputs that they have by now
 
 

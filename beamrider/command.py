@@ -25,7 +25,7 @@ COMMANDS = {
     "merit": ("dynamics.merit", "figures of merit of materials"),
     "schema": ("beamrider.schema", "JSON schema of scenes, cells, families, configuration; reference page"),
     "show": ("beamrider.show", "what made a result: program, sources, versions, inputs"),
-    "check": ("beamrider.io.checksum", "are files whole"),
+    "check": ("beamrider.check", "are files whole"),
 }
 SOLVERS = {"modal": "optics.modal", "fdtd": "optics.fdtd", "thin_film": "optics.thin_film"}
 CHOICES = {

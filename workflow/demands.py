@@ -10,7 +10,7 @@ import contextlib
 import heapq
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -97,18 +97,23 @@ def _unpacked(files: Any) -> float:
     return UNPACKED * sum(path.stat().st_size for path in map(Path, files) if path.is_file())
 
 
+def _scene(files: Any) -> Scene:
+    """The scene among a job's files: as it was read before, or read now."""
+    return read_scene(files["scene"]) if isinstance(files["scene"], str) else files["scene"]
+
+
 def flight_mb(files: Any) -> float:
     """MB of a flexible flight, by its mesh and its tables."""
     from dynamics.membrane.forecast import flexible_memory
 
-    return _asked(flexible_memory(read_scene(files["scene"])) + _unpacked(files["tables"]))
+    return _asked(flexible_memory(_scene(files)) + _unpacked(files["tables"]))
 
 
 def rigid_mb(files: Any) -> float:
     """MB of a rigid flight, by its rows and its tables."""
     from dynamics.sail.forecast import A_ROW
 
-    rigid = read_scene(files["scene"]).rigid
+    rigid = _scene(files).rigid
     return _asked(PROCESS + A_ROW * rigid.duration_s * rigid.output_Hz + _unpacked(files["tables"]))
 
 
@@ -126,7 +131,8 @@ def screening_mb(files: Any) -> float:
 
 def fdtd_mb(files: Any) -> float:
     """MB of FDTD on a cell, by the grid of the resolutions that every direction takes."""
-    return _asked(1.5 * PROCESS + memory(read_grating(files["cell"]), FdtdSettings()))
+    cell = read_grating(files["cell"]) if isinstance(files["cell"], str) else files["cell"]
+    return _asked(1.5 * PROCESS + memory(cell, FdtdSettings()))
 
 
 #: What programs take, of the files that their jobs read.
@@ -136,15 +142,17 @@ MEMORY = {
 }
 
 
-def _files(given: Any) -> dict[str, Any]:
-    """A job's input files by name: one file, or a list."""
-    return {name: given[name] if isinstance(given[name], str) else list(given[name]) for name in given.keys()}  # noqa: SIM118
+def _files(given: Any, read: Mapping[str, Any]) -> dict[str, Any]:
+    """A job's input files by name: one file, what was read of it before, or a list."""
+    named = {name: given[name] for name in given.keys()}  # noqa: SIM118
+    return {name: read.get(file, file) if isinstance(file, str) else list(file) for name, file in named.items()}
 
 
-def request(rule: Any, name: str) -> Callable[..., int]:
+def request(rule: Any, name: str, read: Mapping[str, Any]) -> Callable[..., int]:
     """A rule's resource as a function that Snakemake asks for each attempt: twice as much for the second, and so on.
 
-    Memory follows the files where all are there and can be read, else it is what the rule states.
+    Memory follows the files where all are there and can be read, else it is what the rule states. read: scenes and
+    cells that were read before, by file.
     """
     stated = rule.resources[name].value
     program = PROGRAM.search(rule.shellcmd or "")
@@ -154,18 +162,21 @@ def request(rule: Any, name: str) -> Callable[..., int]:
         needed = float(stated)
         if of_files:
             with contextlib.suppress(InputError, OSError, KeyError, AttributeError, pa.ArrowInvalid):
-                needed = of_files(_files(input))
+                needed = of_files(_files(input, read))
         return math.ceil(needed) * attempt
 
     return asked
 
 
-def attach(rules: Any, machine_code: Any | None) -> None:
-    """Let all rules ask for what their jobs take, and those that fly for machine code first, if there is to be any."""
+def attach(rules: Any, machine_code: Any | None, read: Mapping[str, Any]) -> None:
+    """Let all rules ask for what their jobs take, and those that fly for machine code first, if there is to be any.
+
+    read: as in `request`.
+    """
     for rule in rules:
         for name in ("mem_mb", "runtime"):
             if name in rule.resources and not rule.resources[name].is_evaluable():  # not Snakemake's own defaults
-                rule.resources[name] = request(rule, name)
+                rule.resources[name] = request(rule, name, read)
         program = PROGRAM.search(rule.shellcmd or "")
         if machine_code and program and program[1] in COMPILED:
             rule.set_input(machine_code)

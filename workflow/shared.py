@@ -65,8 +65,7 @@ def fetch(cache: Path, key: str, files: list[Path]) -> bool:
             os.close(handle)
             brought.append((Path(name), file))
             if copy(source / str(i), Path(name)) != sums.get(str(i)):
-                print(f"{source / str(i)}: damaged; it is made again", file=sys.stderr)
-                shutil.rmtree(source, ignore_errors=True)
+                print(f"{source / str(i)}: damaged; it is made again{_put_aside(source)}", file=sys.stderr)
                 return False
             Path(name).chmod(0o644)
         for temporary, file in brought:
@@ -75,6 +74,17 @@ def fetch(cache: Path, key: str, files: list[Path]) -> bool:
     finally:
         for temporary, _ in brought:
             temporary.unlink(missing_ok=True)
+
+
+def _put_aside(damaged: Path) -> str:
+    """Make room for an entry made again, whoever stored the damaged one; what to add where that is not allowed."""
+    aside = damaged.with_name(f".damaged.{damaged.name}.{os.getpid()}")
+    try:
+        damaged.rename(aside)
+    except OSError:
+        return f" every time, until {damaged.owner()} deletes {damaged}"
+    shutil.rmtree(aside, ignore_errors=True)  # of what belongs to another, the folder stays
+    return ""
 
 
 def copy(source: Path, target: Path) -> str:

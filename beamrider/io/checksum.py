@@ -1,7 +1,5 @@
 """Files that say whether they are whole: a checksum of all their bytes, looked at before any library opens them.
 
-    python -m beamrider.io.checksum FILE …        one line for each file that is not whole; exit code 2 if there is one
-
 The text 'beamrider sha256 ' and 64 digits stand once in a file: the SHA-256 of all its other bytes, whatever its kind.
 In HDF5 and NumPy files it follows the end, which their libraries pass over; in Parquet it stands between the data and
 the footer, which is found from the end; in JSON it is a key, in YAML a comment, in a list of JSON its first line. A
@@ -13,7 +11,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import sys
 from pathlib import Path
 from typing import BinaryIO
 
@@ -76,19 +73,3 @@ def _find(stream: BinaryIO, size: int) -> int:
         if (found := stream.read(length).rfind(MARK)) >= 0:
             return start + found
     return -1
-
-
-def main() -> None:
-    """Are files whole? One line on standard error for each that is not, and exit code 2."""
-    from beamrider.io.arguments import parser
-    from beamrider.io.files import whole
-
-    given = parser("beamrider.io.checksum", main.__doc__, {"files": {"nargs": "+", "metavar": "FILE"}}).parse_args()
-    said = [error for file in given.files if (error := whole(file))]
-    for line in said:
-        print(f"error: {line}", file=sys.stderr)
-    raise SystemExit(2 if said else 0)
-
-
-if __name__ == "__main__":
-    main()

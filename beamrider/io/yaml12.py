@@ -7,6 +7,7 @@ from collections.abc import Hashable
 from typing import Any
 
 import yaml
+from yaml.composer import Composer
 
 from beamrider.io.wording import brief
 
@@ -17,20 +18,25 @@ MOST_DIGITS, MOST_BYTES, MOST_LEVELS = 400, 1_000_000, 100
 TOO_DEEP = f"nested too deeply, more than {MOST_LEVELS} levels"
 
 
-class Loader(yaml.SafeLoader):
+class Loader(Composer, yaml.CSafeLoader):
     """The core schema of YAML 1.2 (section 10.3.2 of its specification), and no duplicate keys.
 
-    PyYAML reads YAML 1.1, where 0600 is 384, 1:30 is 90, 1e-3 is text, `no` is false and 2026-01-01 a date.
+    PyYAML reads YAML 1.1, where 0600 is 384, 1:30 is 90, 1e-3 is text, `no` is false and 2026-01-01 a date. Its parser
+    in C makes the events, one by one and without recursion; nodes are composed of them here, where depth is limited.
     """
 
     yaml_implicit_resolvers: dict[Any, Any] = {}
     level = 0
 
+    def __init__(self, stream: str) -> None:
+        yaml.CSafeLoader.__init__(self, stream)
+        Composer.__init__(self)
+
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         """A node and all below it; ConstructorError, in time, where that is too deep."""
         if self.level == MOST_LEVELS:
-            mark = self.peek_event().start_mark
-            raise yaml.constructor.ConstructorError(None, None, TOO_DEEP, mark)
+            event: Any = self.peek_event()
+            raise yaml.constructor.ConstructorError(None, None, TOO_DEEP, event.start_mark)
         self.level += 1
         node = super().compose_node(parent, index)
         self.level -= 1

@@ -77,7 +77,7 @@ def digest(root: Path = ROOT) -> str:
     folders = ("beamrider/machine_code", "optics", "dynamics")
     for path in sorted(path for folder in folders for path in root.glob(f"{folder}/**/*.py")):
         content = path.read_bytes()
-        if any(mark in content for mark in (b"njit", b"@intrinsic", b"@hook", b"carray")):
+        if any(mark in content for mark in (b"njit", b"@intrinsic", b"hook", b"carray")):
             sums.update(path.relative_to(root).as_posix().encode() + b"\0" + content)
     return sums.hexdigest()[:16]
 

@@ -30,7 +30,7 @@ def versions_of(modules: Iterable[str], constraints: Path) -> dict[str, str]:
     held = {name for module in names for name in _distributions().get(module, [])}
     loose = {module: _stated(module) for module in names if module not in _distributions()}
     found = {"Python": platform.python_version(), **{name: version for name, version in loose.items() if version}}
-    pins = _constraints(constraints)
+    pins = _constraints(constraints.read_text(encoding="utf-8") if constraints.is_file() else "")
     for name, version in _needed(frozenset(held)).items():
         wanted = pins.get(name)
         met = wanted is None or Requirement(wanted).specifier.contains(version, prereleases=True)
@@ -61,11 +61,10 @@ def _normalised(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
-def _constraints(path: Path) -> dict[str, str]:
-    """Lines of a constraints file that hold for this Python, by normalised name; none where there is no file."""
-    if not path.is_file():
-        return {}
-    lines = [line.split("#")[0].strip() for line in path.read_text(encoding="utf-8").splitlines()]
+@functools.cache
+def _constraints(text: str) -> dict[str, str]:
+    """Lines of a constraints file's text that hold for this Python, by normalised name."""
+    lines = [line.split("#")[0].strip() for line in text.splitlines()]
     found = [need for need in map(Requirement, filter(None, lines)) if need.marker is None or need.marker.evaluate()]
     return {_normalised(need.name): f"{need.name}{need.specifier}" for need in found}
 

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from beamrider.provenance.kept_sources import KeptSources
 from beamrider.provenance.libraries import versions_of
 
 Dotted = tuple[str, ...]
@@ -93,7 +94,24 @@ def _names(node: ast.AST) -> Iterator[tuple[int, Dotted]]:
 
 @functools.lru_cache(maxsize=4096)
 def _read(path: Path, _changed: tuple[int, int]) -> Module:
-    tree = ast.parse(path.read_bytes(), str(path))
+    content, kept = path.read_bytes(), _kept()
+    found = kept.get(name := kept.name(content))
+    if found is None:
+        module = _parsed(content, path)
+        kept.put(name, (module.digest, list(module.imports), list(module.imports_of_main)))
+        return module
+    imports, of_main = (tuple((level, tuple(base)) for level, base in names) for names in found[1:])
+    return Module(found[0], imports, of_main)
+
+
+@functools.cache
+def _kept() -> KeptSources:
+    """What sources were found to mean before, in the project's folder."""
+    return KeptSources(ROOT / "__pycache__" / "sources.json", Path(__file__))
+
+
+def _parsed(content: bytes, path: Path) -> Module:
+    tree = ast.parse(content, str(path))
     mains = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "main"]
     of_main = [name for main in mains for node in ast.walk(main) for name in _names(node)]
     others = [part for part in tree.body if part not in mains]
@@ -108,8 +126,13 @@ def read_module(path: Path) -> Module:
     return _read(path, (about.st_mtime_ns, about.st_size))
 
 
-def _files(root: Path, name: Dotted) -> Iterator[tuple[Path, Dotted]]:
+@functools.cache
+def _files(root: Path, name: Dotted) -> tuple[tuple[Path, Dotted], ...]:
     """Files under `root` that importing `name` runs, each with its package: the module and the packages around it."""
+    return tuple(_found(root, name))
+
+
+def _found(root: Path, name: Dotted) -> Iterator[tuple[Path, Dotted]]:
     for depth in range(1, len(name) + 1):
         folder = root.joinpath(*name[:depth])
         if (folder / "__init__.py").is_file():
@@ -145,6 +168,7 @@ def _modules(start: str, root: Path) -> tuple[dict[Path, Module], set[str]]:
                 mains.add(files[-1][0])
             todo += files
             others |= set() if files else set(name[:1])
+    _kept().save()
     return found, others
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from beamrider.io.files import NonNegative, Number, Positive, Strict
+from beamrider.io.files import DIMENSIONLESS, NonNegative, Number, Positive, Strict
 from dynamics.light import spots
 from dynamics.light.aim import POWER, Wander
 from dynamics.light.flat_top import FlatTop
@@ -31,7 +31,9 @@ class Part(Strict):
     """One of the spots of a `sum`."""
 
     profile: Annotated[Shape, Field(discriminator="kind", description="As the beam's own, without 'sum'.")] = Gaussian()
-    share: Annotated[NonNegative, Field(description="Share of intensity_W_m2 where the spot is brightest.")] = 1.0
+    share: Annotated[NonNegative, Field(
+        description="Share of intensity_W_m2 where the spot is brightest.", json_schema_extra=DIMENSIONLESS,
+    )] = 1.0
     x_m: Annotated[Number, Field(description="Place of its middle in m.")] = 0.0
     y_m: Annotated[Number, Field(description="Place of its middle in m.")] = 0.0
     radius_m: Annotated[Positive | None, Field(description="Radius in m; null for a map, which has its own.")] = None
@@ -60,6 +62,7 @@ class Sum(Strict):
     """Spots of light whose intensities add up."""
 
     kind: Literal["sum"] = "sum"
+    """What the profile is."""
     parts: Annotated[list[Part], Field(min_length=1, max_length=100, description="The spots.")]
 
 

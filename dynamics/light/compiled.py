@@ -52,7 +52,7 @@ def address(function: Callable[..., None]) -> int:
 
 @numba.njit(cache=True, inline="always")
 def squared(numbers: Floats, x: float, y: float) -> float:
-    """Square of the distance from the middle of a spot in its radii, along its axes."""
+    """Square of the distance from the middle of a spot (numbers (n,)) in its radii, along its axes."""
     dx, dy = x - numbers[X], y - numbers[Y]
     return numbers[SQUARE] * (dx * dx + dy * dy) + (numbers[CROSS] * dx + numbers[MORE] * dy) * dy
 
@@ -84,7 +84,7 @@ def _call(
 
 @numba.njit(cache=True, error_model="numpy")
 def shine(profile: Profile, x: Floats, y: Floats, at: int, n: int, out: Floats, begin: int) -> None:
-    """Write the intensity, in units of the beam's, at the n places from x[at], y[at] on to `out` from `begin` on."""
+    """Write the intensity, in units of the beam's, at n places from x[at], y[at], (m,), on to `out` from `begin` on."""
     for i in range(begin, begin + n):
         out[i] = 0.0
     for k in range(profile.functions.size):

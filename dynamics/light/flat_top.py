@@ -15,6 +15,7 @@ from numba import carray
 from pydantic import Field
 from scipy.special import betainc, gammaincc, gammaln
 
+from beamrider.io.files import DIMENSIONLESS
 from dynamics.light.compiled import OWN, SHARE, squared
 from dynamics.light.intensity import decay
 from dynamics.light.profile import Floats, Profile
@@ -39,8 +40,10 @@ class FlatTop(Profile):
     """I = I₀ [exp(−t) Σ tⁿ/n!]², n = 0 … N, t = (N + 1)(ρ/w)², w the radius at which the smooth edge lies."""
 
     kind: Literal["flat_top"] = "flat_top"
+    """What the profile is."""
     order: Annotated[int, Field(
-        ge=0, le=100, description="Order N: the edge is about radius/√(N + 1) wide; 0 is a Gaussian beam.",
+        ge=0, le=100, json_schema_extra=DIMENSIONLESS,
+        description="Order N: the edge is about radius/√(N + 1) wide; 0 is a Gaussian beam.",
     )] = 20
 
     @property

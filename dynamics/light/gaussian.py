@@ -25,6 +25,7 @@ class Gaussian(Profile):
     """I = I₀ exp(−2ρ²/w²), w the radius."""
 
     kind: Literal["gaussian"] = "gaussian"
+    """What the profile is."""
 
     @property
     def function(self) -> Callable[..., None]:
@@ -41,7 +42,7 @@ class Gaussian(Profile):
         return np.asarray(-2.0 * np.exp(-2.0 * s))
 
     def radial(self, edge: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Closed forms of ∫ dᵏ exp(−2d²) dd, k = 1, 2, 3, by parts."""
+        """Closed forms of ∫ dᵏ exp(−2d²) dd up to edge (...), k = 1, 2, 3, by parts."""
         end = np.exp(-2.0 * edge**2)
         area = 0.25 * (1.0 - end)
         lever = 0.25 * (np.sqrt(np.pi / 8.0) * erf(np.sqrt(2.0) * edge) - edge * end)

@@ -143,6 +143,7 @@ class Map(Profile):
     round: ClassVar[bool] = False
     error: ClassVar[float] = 1e-7
     kind: Literal["map"] = "map"
+    """What the profile is."""
     file: Annotated[str, Field(max_length=200, description="HDF5 or CSV file of the intensity on a grid.")]
     sha256: Annotated[str, Field(max_length=64, description="Digest of the file; found where it is not given.")] = ""
 
@@ -217,7 +218,7 @@ class Map(Profile):
         return float(self.grid.coefficients.sum()) * math.prod(self.steps)
 
     def slope(self, s: Floats) -> Floats:
-        """A map is not round: see `gradient`."""
+        """See `gradient`: a map is not round."""
         raise NotImplementedError
 
     def gradient(self, u: Floats, v: Floats) -> Floats:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
-from beamrider.io.files import NonNegative, Positive, Strict
+from beamrider.io.files import DIMENSIONLESS, NonNegative, Positive, Strict
 from dynamics.light.aim import Wander, aim, axes, where
 from dynamics.light.profile import Floats
 
@@ -37,13 +37,19 @@ Density = Annotated[list[Annotated[float, Field(ge=0, le=1e30)]], Field(min_leng
 class Noise(Strict):
     """A random record: either `rms`, white up to `cutoff_Hz`, or a one-sided `spectrum`. Units: what it is noise of."""
 
-    rms: Annotated[NonNegative | None, Field(description="Root mean square, in m, degrees or as a share.")] = None
+    rms: Annotated[NonNegative | None, Field(
+        description="Root mean square.", json_schema_extra={"unit": "m, ° or share"},
+    )] = None
     cutoff_Hz: Annotated[Positive | None, Field(description="Highest frequency in Hz of a white spectrum.")] = None
     spectrum: Annotated[list[Density] | None, Field(
+        json_schema_extra={"unit": "Hz, (m, ° or share)²/Hz"},
         min_length=2, max_length=10_000,
         description="Rows of frequency in Hz and one-sided power density in unit²/Hz, straight between; 0 outside.",
     )] = None
-    seed: Annotated[int, Field(ge=0, le=2**63 - 1, description="Of the random phases: the same seed, the same record.")]
+    seed: Annotated[int, Field(
+        ge=0, le=2**63 - 1, description="Of the random phases: the same seed, the same record.",
+        json_schema_extra=DIMENSIONLESS,
+    )]
     record_s: Annotated[Positive, Field(le=1e6, description="Length in s of the record, which then repeats.")] = 10.0
 
     @model_validator(mode="after")
@@ -92,6 +98,7 @@ class Pointing(Strict):
     """
 
     path: Annotated[list[Row] | None, Field(
+        json_schema_extra={"unit": "s, m, m, °, °"},
         min_length=2, max_length=MOST_ROWS,
         description="Rows of time in s, x and y in m and, if it tilts, tilt towards x and y in degrees.",
     )] = None

@@ -13,6 +13,7 @@ import numpy as np
 from numba import carray
 from pydantic import Field
 
+from beamrider.io.files import DIMENSIONLESS
 from dynamics.light.compiled import OWN, SHARE, squared
 from dynamics.light.intensity import decay
 from dynamics.light.profile import Floats, Profile
@@ -31,8 +32,10 @@ class Ring(Profile):
     """I = I₀ (2ρ²/(ℓ w²))^ℓ exp(ℓ − 2ρ²/w²), w the radius of its Gaussian factor, I₀ on the brightest circle."""
 
     kind: Literal["ring"] = "ring"
+    """What the profile is."""
     charge: Annotated[int, Field(
-        ge=0, le=50, description="Turns ℓ of phase about the axis; brightest at radius·√(ℓ/2); 0 is a Gaussian beam.",
+        ge=0, le=50, json_schema_extra=DIMENSIONLESS,
+        description="Turns ℓ of phase about the axis; brightest at radius·√(ℓ/2); 0 is a Gaussian beam.",
     )] = 1
 
     @property

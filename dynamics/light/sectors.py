@@ -74,7 +74,7 @@ def exponent(rules: Rules, centre: Floats, axial: bool, turn: Floats, x: float, 
 
 @numba.njit(cache=True, error_model="numpy")
 def gaussian_moments(rules: Rules, centre: Floats, rule: int, s: int, c: Floats) -> tuple[float, float, float]:
-    """(∫e dA, ∫X e dA, ∫Y e dA) over sector s, e = exp(−2ρ²/w²), X and Y from the centre of mass; c of `exponent`."""
+    """(∫e dA, ∫X e dA, ∫Y e dA) over sector s, e = exp(−2ρ²/w²), X, Y from the centre of mass; c (n,) of `exponent`."""
     total, first_x, first_y = 0.0, 0.0, 0.0
     points = rules.points
     for p in range(rules.first[rule, s], rules.first[rule, s + 1]):

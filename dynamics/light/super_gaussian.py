@@ -13,6 +13,7 @@ import numpy as np
 from numba import carray
 from pydantic import Field
 
+from beamrider.io.files import DIMENSIONLESS
 from dynamics.light.compiled import OWN, SHARE, squared
 from dynamics.light.intensity import decay
 from dynamics.light.profile import Floats, Profile
@@ -29,8 +30,10 @@ class SuperGaussian(Profile):
     """I = I₀ exp(−2(ρ/w)ᵖ), w the radius."""
 
     kind: Literal["super_gaussian"] = "super_gaussian"
+    """What the profile is."""
     order: Annotated[int, Field(
-        ge=2, le=100, multiple_of=2, description="Power p of the distance, even: odd ones have a cusp; 2 is Gaussian.",
+        ge=2, le=100, multiple_of=2, json_schema_extra=DIMENSIONLESS,
+        description="Power p of the distance, even: odd ones have a cusp; 2 is Gaussian.",
     )] = 8
 
     @property

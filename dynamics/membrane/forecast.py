@@ -10,8 +10,6 @@ from pathlib import Path
 
 from beamrider.io.files import amount
 from beamrider.io.resources import available_memory, free_disk, require_disk, require_memory
-from dynamics.membrane.effects import tethers
-from dynamics.membrane.output.record import WIDTH
 from dynamics.sail.forecast import PROCESS, nodes, require_time, say, triangles
 from dynamics.scene.schema import Scene
 
@@ -49,6 +47,10 @@ def require_mesh(scene: Scene) -> None:
 
 def journal_bytes(scene: Scene, dt: float, steps: int) -> float:
     """Bytes of the rows and frames of a flexible flight of so many steps of dt in s."""
+    # Only here: compiled modules take a second to load
+    from dynamics.membrane.effects import tethers
+    from dynamics.membrane.output.record import WIDTH
+
     failed = triangles(scene.sail) if scene.flight.on_failure != "stop" else 0
     frames = 2 + steps / max(1.0, scene.flight.snapshot_every_s / dt)
     width = WIDTH + tethers.width(len(scene.carried), sum(len(body.tethers) for body in scene.carried))

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from beamrider.io.arguments import table_arguments
 from beamrider.io.files import write_json
 from optics.cells.outline import Grating, read_grating, upright
-from optics.modal.lamellar import solve
+from optics.modal.response import solve
 from optics.modal.truncation import propagating
 from optics.refinement.directions import choose_nodes, fill
 from optics.waves.incidence import check_range

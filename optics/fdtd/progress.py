@@ -20,7 +20,7 @@ from beamrider.io.files import InputError
 from optics.cells.outline import Grating, upright
 from optics.fdtd.adaptive import adapt
 from optics.fdtd.grid import FEWEST_RUNS, FdtdSettings, finest, memory, work
-from optics.modal.lamellar import solve
+from optics.modal.response import solve
 
 _OUT_OF_PLANE = 2.0
 _GOLDEN = (5**0.5 - 1) / 2

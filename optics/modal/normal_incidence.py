@@ -27,8 +27,8 @@ from beamrider.provenance.record import as_attribute
 from optics.cells.cross_section import cross_section
 from optics.cells.schema import Metagrating, as_stack, require_coherent
 from optics.modal.derivatives import derivatives
-from optics.modal.lamellar import solve
 from optics.modal.limit import without_limit
+from optics.modal.response import solve
 from optics.modal.steps import ModalCell, Slanted
 from optics.table.normal_incidence import NormalResponse
 

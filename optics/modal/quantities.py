@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from beamrider.arrays import Floats
-from optics.modal.lamellar import Response
+from optics.modal.response import Response
 from optics.waves.incidence import worst_polarisation
 
 OWN = 4  # quantities of the cell's own polarisation, which directions are chosen for

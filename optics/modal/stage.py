@@ -18,10 +18,10 @@ from beamrider.machine_code.notice import compiling
 from optics.cells.outline import Grating, polygons, read_grating
 from optics.cells.schema import as_stack, is_coherent
 from optics.modal.absorption import imbalance
-from optics.modal.lamellar import Response as Response
-from optics.modal.lamellar import solve as solve
 from optics.modal.normal_incidence import normal_response
 from optics.modal.quantities import OWN, apart, error_in_any, own_error, quantities
+from optics.modal.response import Response as Response
+from optics.modal.response import solve as solve
 from optics.modal.steps import ModalCell, Slanted, modal_cell, source
 from optics.modal.thick_fringes import least_thickness
 from optics.modal.thick_tables import Found, find

@@ -8,7 +8,7 @@ from beamrider.arrays import Floats
 from beamrider.io.files import InputError
 from optics.cells.outline import Grating, upright
 from optics.cells.schema import LamellarStack, Metagrating, Profile, as_stack
-from optics.modal.lamellar import solve
+from optics.modal.response import solve
 from optics.modal.steps import Slanted, modal_cell
 
 # What a table holds at most (`optics.refinement`).

@@ -27,8 +27,8 @@ import numpy as np
 from beamrider.arrays import Floats
 from beamrider.io.files import InputError, progress
 from optics.cells.outline import Grating, is_upright, polygons
-from optics.modal.lamellar import Response, solve
 from optics.modal.limit import refuse_without_limit
+from optics.modal.response import Response, solve
 from optics.modal.scattering import NEGLIGIBLE
 from optics.modal.steps import ModalCell, Slanted, modal_cell, source
 from optics.waves.incidence import worst_polarisation

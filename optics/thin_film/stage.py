@@ -10,13 +10,13 @@ whatever its thickness, and no resonance is missed.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import guvectorize
 from numpy.typing import ArrayLike, NDArray
 
-from beamrider.arrays import Complexes, Floats
+from beamrider.arrays import Complexes, Floats, Integers
 from beamrider.io.arguments import table_arguments
 from beamrider.io.files import InputError, Stopwatch, versions
 from optics.cells.schema import ThinFilm, read_cell
@@ -54,19 +54,35 @@ class FilmResponse:
         return self.reflectance + self.transmittance + self.absorptance - 1.0
 
 
-@guvectorize(["void(c16[:], f8[:], f8, c16[:], c16[:])"], "(m),(l),()->(),()", nopython=True, cache=True)
-def _reflect(index, depth, s, r_s, r_p):  # type: ignore[no-untyped-def]
-    """Amplitudes r of one stack for one direction; broadcasts as a NumPy function."""
-    r_s[0], r_p[0] = transfer.reflected(index, depth, s)
+def _rows(leading: tuple[int, ...], shape: tuple[int, ...]) -> Integers:
+    """For every place of `shape`, flat (n,), the row of an array whose axes but the last are `leading`, broadcast."""
+    rows = np.arange(math.prod(leading)).reshape(leading)
+    return np.ascontiguousarray(np.broadcast_to(rows, shape).ravel())
 
 
-@guvectorize(
-    ["void(c16[:], f8[:], i8[:], f8, f8, f8[:], f8[:], f8[:])"], "(m),(l),(l),(),()->(),(),()", nopython=True,
-    cache=True,
-)
-def _respond(index, depth, coherent, s, share, reflectance, transmittance, absorptance):  # type: ignore[no-untyped-def]
-    """R, T, A of one stack (media, depths k₀d) for one direction; broadcasts as a NumPy function."""
-    reflectance[0], transmittance[0], absorptance[0] = transfer.response(index, depth, coherent, s, share)
+def _respond(index: Complexes, depth: Floats, coherent: Integers, s: Floats, share: Floats) -> Floats:
+    """R, T, A (3, ...) of stacks of media (..., l + 2), depths k₀d (..., l), broadcast with s and share (...)."""
+    shape = np.broadcast_shapes(index.shape[:-1], depth.shape[:-1], s.shape, share.shape)
+    out = np.empty((3, math.prod(shape)))
+    transfer.respond_many(
+        np.ascontiguousarray(index).reshape(-1, index.shape[-1]), _rows(index.shape[:-1], shape),
+        np.ascontiguousarray(depth).reshape(-1, depth.shape[-1]), _rows(depth.shape[:-1], shape),
+        np.ascontiguousarray(coherent), np.ascontiguousarray(np.broadcast_to(s, shape)).ravel(),
+        np.ascontiguousarray(np.broadcast_to(share, shape)).ravel(), out,
+    )
+    return out.reshape(3, *shape)
+
+
+def _reflect(index: Complexes, depth: Floats, s: Floats) -> Complexes:
+    """Amplitudes r_s, r_p (2, ...), as `_respond`."""
+    shape = np.broadcast_shapes(index.shape[:-1], depth.shape[:-1], s.shape)
+    out = np.empty((2, math.prod(shape)), complex)
+    transfer.reflect_many(
+        np.ascontiguousarray(index).reshape(-1, index.shape[-1]), _rows(index.shape[:-1], shape),
+        np.ascontiguousarray(depth).reshape(-1, depth.shape[-1]), _rows(depth.shape[:-1], shape),
+        np.ascontiguousarray(np.broadcast_to(s, shape)).ravel(), out,
+    )
+    return out.reshape(2, *shape)
 
 
 def _check(index: Complexes, thickness: Floats, wavelength: Floats, s: Floats) -> None:
@@ -101,7 +117,7 @@ def stack(
     _check(index, thickness, wavelength, s)
     depth = 2 * np.pi * thickness / wavelength[..., None]
     flags = np.broadcast_to(np.asarray(coherent, np.int64), thickness.shape[-1:])
-    return FilmResponse(*_respond(index, depth, flags, s, share))
+    return FilmResponse(*(part[()] for part in _respond(index, depth, flags, s, share)))
 
 
 def amplitudes(

@@ -241,3 +241,22 @@ def pressure(
     if far.imag > 0.0:
         a, t = a + t, 0.0
     return a * s, w * (1 + r) - w_far * t, a
+
+
+@njit(cache=True, error_model="numpy")
+def respond_many(
+    index: Complexes, of_index: Integers, depth: Floats, of_depth: Integers, coherent: Integers, s: Floats,
+    share: Floats, out: Floats,
+) -> None:
+    """Out (3, n) = `response` for n directions: of stack index[of_index], depth[of_depth], at s, share (n,)."""
+    for i in range(s.size):
+        out[0, i], out[1, i], out[2, i] = response(index[of_index[i]], depth[of_depth[i]], coherent, s[i], share[i])
+
+
+@njit(cache=True, error_model="numpy")
+def reflect_many(
+    index: Complexes, of_index: Integers, depth: Floats, of_depth: Integers, s: Floats, out: Complexes
+) -> None:
+    """Out (2, n) = `reflected` for n directions, as `respond_many`."""
+    for i in range(s.size):
+        out[0, i], out[1, i] = reflected(index[of_index[i]], depth[of_depth[i]], s[i])

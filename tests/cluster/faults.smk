@@ -41,4 +41,4 @@ rule time_taken:
         "echo $$ >> runs_time_taken; sleep 75; echo done > {output}"
 
 
-attach(workflow.rules, [])
+attach(workflow.rules, [], {})

@@ -11,7 +11,7 @@ from optics.cells.schema import Metagrating, Profile, read_cell
 from optics.fdtd.direction import solve_direction
 from optics.fdtd.grid import FdtdSettings
 from optics.fdtd.orders import grazing
-from optics.modal.lamellar import solve
+from optics.modal.response import solve
 from optics.modal.steps import Slanted
 
 pytestmark = [

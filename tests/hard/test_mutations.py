@@ -40,7 +40,7 @@ from tests import mutations
 from tests.hard.test_wording import WHOLE, changed, line
 from tests.mutations import FEW, Outcome, inputs, many, outcome
 from tests.synthetic import smooth_tables
-from workflow import family
+from workflow import family, machine_code
 from workflow.configuration import Config, read_config, read_plan
 from workflow.published import read_published
 
@@ -51,7 +51,8 @@ TE = read_cell(WORKFLOW / "designs/mark1e_te.yaml")
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Tables of the paper's cells and of a film, and what else stages are given."""
+    """Tables of the paper's cells and of a film; what stages run is compiled, which no process has time for."""
+    machine_code.compile_all(scenes.read_scene(machine_code.SCENE))
     made = tmp_path_factory.mktemp("mutations")
     for name, table in smooth_tables().items():
         table.write(made / f"{name}.h5")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optics.cells.schema import Metagrating
-from optics.modal.lamellar import solve
+from optics.modal.response import solve
 from optics.modal.stage import make_table
 
 SHALLOW = Metagrating(

@@ -64,10 +64,10 @@ def test_frustrated_total_reflection_through_twenty_wavelengths(s, k):
 @pytest.mark.parametrize("kind", ["s", "p"])
 def test_normal_incidence_is_no_special_case(kind):
     index, thickness = [1.0, 3.48 + 1e-6j, 2.0, 1.5], [0.1, 0.7]
-    here, _ = momentum(index, thickness, 1.0, 0.0, 0.0, P_SHARE[kind])
+    here, _ = momentum(index, thickness, 1.0, 0.0, 0.0, p_share=P_SHARE[kind])
     assert here[0] == here[1] == 0.0
     for u, v in ((-0.0, -0.0), (1e-300, 0.0), (0.0, -1e-300), (5e-324, 5e-324), (1e-17, 1e-17)):
-        there, response = momentum(index, thickness, 1.0, u, v, P_SHARE[kind])
+        there, response = momentum(index, thickness, 1.0, u, v, p_share=P_SHARE[kind])
         assert there[2] == here[2]
         assert there[0] == response.absorptance * u
     other = stack(index, thickness, 1.0, 0.0, 1 - P_SHARE[kind])

@@ -19,7 +19,9 @@ from workflow.configuration import meep_installed
 ROOT = Path(__file__).parents[2]
 SCENES = ROOT / "workflow/scenes"
 ONE = {"CELLS": ("mark1e_te",)}
-SHORT = {"DURATION": 2e-4, "SCHEMES": ("verlet",), "ELASTICITY": (), "SIZES": (), "INTERVALS": (4,), "STEPS": (1.0,)}
+SHORT = {
+    "DURATION": 2e-4, "SCHEMES": ("verlet",), "ELASTICITY": (), "SIZES": (2e-5,), "INTERVALS": (4,), "STEPS": (1.0,),
+}
 needs_meep = pytest.mark.skipif(not meep_installed(), reason="Meep is not installed")
 Given = Callable[[Path, list[str]], list[str]]
 
@@ -91,6 +93,9 @@ BENCHMARKS: dict[str, tuple[Given, dict[str, Any], str]] = {
     ),
 }
 MEEP = ("accuracy_fdtd", "fdtd_plain")
+#: They compile kernels of flexible flight, which takes minutes.
+FLYING = ("accuracy_flight", "accuracy_reflections", "corotating", "flight_speed")
+MARKS = {name: [pytest.mark.meep, needs_meep] for name in MEEP} | {name: [pytest.mark.slow] for name in FLYING}
 
 
 @pytest.fixture(scope="module")
@@ -112,9 +117,7 @@ def test_every_benchmark_is_tried():
     assert set(BENCHMARKS) == programs
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.meep, needs_meep] if name in MEEP else []) for name in BENCHMARKS]
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=MARKS.get(name, [])) for name in BENCHMARKS])
 def test_a_benchmark_ends_and_writes(tables, tmp_path, name):
     given, constants, words = BENCHMARKS[name]
     folder, files = tables

@@ -19,6 +19,7 @@ import yaml
 from beamrider.io.files import load_yaml
 from dynamics.scene.schema import read_scene
 from optics.table.pressure_table import PressureTable
+from workflow import shared
 
 ROOT = Path(__file__).parents[2]
 TABLE, OTHER = "results/tables/si43/thin_film.h5", "results/tables/thick/thin_film.h5"
@@ -236,6 +237,31 @@ def test_tables_are_shared_between_folders(done, tmp_path):
     (entry / "0").write_bytes(b"damaged")
     snakemake(second, "--", TABLE, BEAMRIDER_CACHE=str(cache))
     assert PressureTable.read(second / TABLE).digest == PressureTable.read(first / TABLE).digest
+
+
+def refuse(*_) -> None:
+    raise PermissionError
+
+
+def test_a_damaged_table_that_another_user_stored_gives_way_or_is_told(tmp_path, monkeypatch, capsys):
+    """Users may rename each other's folders in a folder that all may write to, but not if it is sticky, as /tmp is."""
+    cache, table = tmp_path / "cache", tmp_path / "table.h5"
+    cache.mkdir()
+    table.write_text("whole")
+    assert shared.store(cache, "abc", [table]) is True
+    (shared.entry(cache, "abc") / "0").chmod(0o644)
+    (shared.entry(cache, "abc") / "0").write_text("damaged")
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "rename", refuse)
+        assert shared.fetch(cache, "abc", [table]) is False
+    said = capsys.readouterr().err
+    assert said.endswith(f"made again every time, until {cache.owner()} deletes {shared.entry(cache, 'abc')}\n")
+    assert shared.fetch(cache, "abc", [table]) is False
+    assert capsys.readouterr().err.endswith("damaged; it is made again\n")
+    assert shared.store(cache, "abc", [table]) is True
+    table.unlink()
+    assert shared.fetch(cache, "abc", [table]) is True
+    assert table.read_text() == "whole"
 
 
 def test_what_a_disk_spoilt_is_refused_once_and_then_made_again(done, change):

@@ -197,3 +197,9 @@ def test_a_scene_that_the_configuration_does_not_name_can_be_made(tmp_path):
     assert result.returncode == 2
     assert result.stderr.splitlines()[-1] == "error: workflow/scenes/none.yaml: no such file"
     assert not re.search("Traceback|Error|Exception", result.stdout + result.stderr)
+
+
+def test_no_rule_makes_files_of_another_folder(new):
+    for name in ("..", ".hidden", "-rf"):
+        result = _snakemake(new, "--dry-run", "--config", "fdtd=false", "--", f"results/tables/{name}/modal.h5")
+        assert "MissingRuleException" in result.stdout + result.stderr

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
+from dynamics.scene.schema import read_scene
 from optics.cells.schema import read_metagrating
 from optics.fdtd.grid import FdtdSettings, memory
 from workflow import demands
@@ -36,7 +37,7 @@ def test_memory_follows_mesh_table_and_cell(tmp_path: Path):
     wide = read_metagrating(design).model_copy(update={"period_nm": 8000.0})
     grid = [memory(cell, FdtdSettings()) for cell in (read_metagrating(design), wide)]
     assert grid[1] > 3 * grid[0]
-    assert demands.fdtd_mb({"cell": str(design)}) > grid[0] / 1e6
+    assert demands.fdtd_mb({"cell": read_metagrating(design)}) == demands.fdtd_mb({"cell": str(design)}) > grid[0] / 1e6
 
 
 class Files(dict):
@@ -50,11 +51,15 @@ def _rule(command: str, **resources: int) -> SimpleNamespace:
 
 def test_every_attempt_asks_for_as_much_again(tmp_path: Path):
     rule = _rule("python -m dynamics.membrane --scene {input.scene}", mem_mb=2000, runtime=600)
-    runtime, asked = demands.request(rule, "runtime"), demands.request(rule, "mem_mb")
+    runtime, asked = (demands.request(rule, name, {}) for name in ("runtime", "mem_mb"))
     assert [runtime(None, Files(), attempt) for attempt in (1, 2, 3)] == [600, 1200, 1800]
     assert asked(None, Files(), 1) == 2000  # as stated, where the files are not there yet
     files = Files(scene=_scene(tmp_path, 30), tables=[])
     assert asked(None, files, 3) == 3 * asked(None, files, 1) != 6000
+    read = demands.request(rule, "mem_mb", {files["scene"]: read_scene(files["scene"])})
+    fitting = asked(None, files, 1)
+    Path(files["scene"]).unlink()
+    assert (read(None, files, 1), asked(None, files, 1)) == (fitting, 2000)
 
 
 def test_those_that_fly_wait_for_machine_code_and_no_others():
@@ -62,7 +67,7 @@ def test_those_that_fly_wait_for_machine_code_and_no_others():
     rules = [_rule(f"python -m {name}", mem_mb=1) for name in ("dynamics.rigid", "dynamics.scene", "optics.modal")]
     for rule in rules:
         rule.set_input = added.setdefault(rule.shellcmd, []).append
-    demands.attach(rules, "code.txt")
+    demands.attach(rules, "code.txt", {})
     assert {name.split()[-1]: first for name, first in added.items()} == {
         "dynamics.rigid": ["code.txt"], "dynamics.scene": [], "optics.modal": [],
     }

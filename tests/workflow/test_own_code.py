@@ -36,7 +36,7 @@ def test_rules_of_the_workflow_and_of_stages_run_the_code_of_their_folder(second
 
 
 def test_a_program_run_in_its_folder_computes_with_the_code_there(second):
-    done = _run([sys.executable, "-m", "workflow.checks", "--out", "checks.json"], second)
+    done = _run([sys.executable, "-m", "workflow.checks", "--help"], second)
     assert f"FILES OF {second.resolve()}" in done.stdout
 
 

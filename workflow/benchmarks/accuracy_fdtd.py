@@ -18,7 +18,7 @@ from optics.cells.schema import Metagrating, read_metagrating
 from optics.fdtd.direction import extrapolate
 from optics.fdtd.grid import pixels
 from optics.fdtd.run import import_meep
-from optics.modal.lamellar import solve
+from optics.modal.response import solve
 from workflow.benchmarks.plain_meep import plain, pressure
 from workflow.benchmarks.rows import CELLS, DESIGNS, Row, directions, write_measured
 

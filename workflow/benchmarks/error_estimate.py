@@ -17,8 +17,8 @@ from threadpoolctl import threadpool_limits
 
 from beamrider.io.files import run_stage
 from optics.cells.schema import LamellarStack, Metagrating, read_metagrating
-from optics.modal.lamellar import solve
 from optics.modal.limit import without_limit
+from optics.modal.response import solve
 from optics.modal.truncation import change, choose
 from workflow.benchmarks.rows import CELLS, DESIGNS
 

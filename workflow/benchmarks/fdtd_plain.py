@@ -22,7 +22,7 @@ from optics.cells.schema import Metagrating, read_metagrating
 from optics.fdtd.direction import solve_direction
 from optics.fdtd.grid import FdtdSettings
 from optics.fdtd.run import import_meep
-from optics.modal.lamellar import solve
+from optics.modal.response import solve
 from optics.table.pressure_table import PressureTable
 from workflow.benchmarks.plain_meep import plain, pressure
 from workflow.benchmarks.rows import DESIGNS

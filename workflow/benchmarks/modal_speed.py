@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from beamrider.io.files import run_stage
 from optics.cells.schema import Metagrating, read_metagrating
-from optics.modal.lamellar import solve
+from optics.modal.response import solve
 from optics.modal.truncation import choose
 from workflow.benchmarks import meent_solver
 from workflow.benchmarks.rows import CELLS, DESIGNS, seconds

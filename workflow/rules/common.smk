@@ -106,8 +106,8 @@ def labelled(scenes, file):
 
 
 wildcard_constraints:
-    design=r"[A-Za-z0-9_.-]+",
-    scene=r"[A-Za-z0-9_.-]+",
+    design=r"[A-Za-z0-9_][A-Za-z0-9_.-]*",  # as names are (optics.files): no folder above, none that is hidden
+    scene=r"[A-Za-z0-9_][A-Za-z0-9_.-]*",
     part=r"\d+",
 
 

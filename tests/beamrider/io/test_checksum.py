@@ -117,7 +117,7 @@ def test_the_command_names_the_files_that_are_not_whole(tmp_path: Path):
     good, bad = (written(tmp_path / name) for name in ("good.h5", "bad.json"))
     bad.write_text(bad.read_text().replace("1.5", "2.5"))
     done = subprocess.run(
-        [sys.executable, "-m", "beamrider.io.checksum", good, bad, tmp_path / "none.h5"], capture_output=True,
+        [sys.executable, "-m", "beamrider.check", good, bad, tmp_path / "none.h5"], capture_output=True,
         text=True, check=False,
     )
     assert done.returncode == 2

@@ -2,6 +2,7 @@
 
 import inspect
 import re
+from pathlib import Path
 
 import numba
 import numpy as np
@@ -11,6 +12,7 @@ from numba.core import caching, event
 from beamrider.machine_code import atomics, cache
 from beamrider.machine_code.streams import by_row, streams
 
+ROOT = Path(__file__).parents[3]
 SIGNATURE = numba.types.void(numba.types.int64, *[numba.types.float64[::1]] * 3)
 
 
@@ -117,3 +119,13 @@ def test_the_version_has_an_upper_bound():
     given = Requirement(re.search(r'"(numba[^"]*)"', text).group(1))
     assert numba.__version__ in given.specifier
     assert "1.0" not in given.specifier
+
+
+def test_nothing_that_is_cached_is_in_two_files_that_name_each_other():
+    """Numba keeps a generalised ufunc's wrapper apart from its kernel, whose name holds a number of the process.
+
+    Two processes that compile at once may leave the wrapper of one and the kernel of the other, and who loads them
+    calls an address that isn't there.
+    """
+    sources = [path for room in ("optics", "dynamics", "workflow") for path in (ROOT / room).rglob("*.py")]
+    assert not [path for path in sources if "guvectorize" in path.read_text(encoding="utf-8")]

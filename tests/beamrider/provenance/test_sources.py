@@ -1,12 +1,16 @@
 """The files a program is made of are exactly those that Python would read."""
 
+import functools
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from beamrider.provenance.sources import sources
+from beamrider.provenance import sources as module
+from beamrider.provenance.kept_sources import KeptSources
+from beamrider.provenance.sources import program, read_module, sources
 
 ROOT = Path(__file__).parents[3]
 
@@ -64,3 +68,37 @@ def test_a_program_that_is_not_there_is_named(tmp_path):
         _write(tmp_path, {"a/__init__.py": ""})
         with pytest.raises(FileNotFoundError, match=start):
             sources(start, tmp_path)
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch) -> Iterator[Path]:
+    """Where what sources mean is kept, nothing as yet."""
+    path = tmp_path / "__pycache__/sources.json"
+    monkeypatch.setattr(module, "_kept", functools.cache(lambda: KeptSources(path, Path(module.__file__))))
+    module._read.cache_clear()
+    yield path
+    module._read.cache_clear()
+
+
+@pytest.mark.parametrize("damage", [bytes.upper, lambda text: text[:50], lambda text: text.replace(b"0", b"1"), None])
+def test_what_sources_mean_is_found_again_or_anew(tmp_path, kept, monkeypatch, damage):
+    """From the file of the run before; where that is damaged, or the folder cannot be written, from the sources."""
+    _write(tmp_path, {"a.py": "import b\n", "b.py": "from . import c\n\ndef main():\n    import a.b\n"})
+    found = program("a", tmp_path), [read_module(tmp_path / name) for name in ("a.py", "b.py")]
+    assert kept.exists()
+    if damage:
+        kept.write_bytes(damage(kept.read_bytes()))
+    else:
+        monkeypatch.setattr(module, "_parsed", None)
+    module._kept.cache_clear()
+    module._read.cache_clear()
+    assert (program("a", tmp_path), [read_module(tmp_path / name) for name in ("a.py", "b.py")]) == found
+
+
+def test_an_edit_counts_whatever_is_kept(tmp_path, kept):
+    _write(tmp_path, {"a.py": "x = 1\n"})
+    before = program("a", tmp_path).digest
+    _write(tmp_path, {"a.py": "x = 1  # as before\n"})
+    assert program("a", tmp_path).digest == before
+    _write(tmp_path, {"a.py": "x = 2\n"})
+    assert program("a", tmp_path).digest != before

@@ -6,7 +6,8 @@ import pytest
 from beamrider.io.files import InputError
 from optics.cells.schema import Index, LamellarStack, Layer, ThinFilm
 from optics.modal.derivatives import derivatives
-from optics.modal.lamellar import efficiencies, prepare, solve
+from optics.modal.lamellar import efficiencies, prepare
+from optics.modal.response import solve
 from optics.thin_film.stage import pressure
 from optics.waves.incidence import electric_vector, polarisation_basis, stokes, wave_vector
 

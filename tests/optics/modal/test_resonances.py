@@ -11,7 +11,7 @@ import pytest
 from beamrider.arrays import Floats
 from beamrider.io.files import InputError
 from optics.cells.schema import Metagrating
-from optics.modal.lamellar import solve
+from optics.modal.response import solve
 from optics.modal.stage import make_table
 from optics.modal.windows import resonance_window
 from optics.table.lookup import lookup, lookup_many, lookup_slopes, lookup_slopes_many

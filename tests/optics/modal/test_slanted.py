@@ -6,8 +6,8 @@ import pytest
 from optics.cells.outline import upright
 from optics.cells.schema import Profile, ThinFilm
 from optics.modal.absorption import imbalance
-from optics.modal.lamellar import solve
 from optics.modal.normal_incidence import normal_response
+from optics.modal.response import solve
 from optics.modal.slabs import slabs
 from optics.modal.steps import Slanted, modal_cell
 from optics.thin_film.stage import pressure

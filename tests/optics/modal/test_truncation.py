@@ -11,8 +11,9 @@ from beamrider.io.files import InputError
 from optics.cells.schema import LamellarStack, Metagrating, Profile
 from optics.modal import normal_incidence as local
 from optics.modal.absorption import imbalance
-from optics.modal.lamellar import efficiencies, prepare, solve
+from optics.modal.lamellar import efficiencies, prepare
 from optics.modal.limit import edge_exponent, refuse_without_limit
+from optics.modal.response import solve
 from optics.modal.stage import guided_order, make_table
 from optics.modal.steps import modal_cell
 from optics.modal.truncation import change, choose, fitted_rate, remaining
