@@ -24,8 +24,8 @@ TABLES = smooth_tables()
 STILL = {"offset_m": [0.0, 0.0], "pitch_deg": 0.0, "roll_deg": 0.0, "spin_Hz": 0.0}
 #: Cells whose sail is marginally stable without spin: a tilt hardly pushes it aside.
 CALM = {
-    "mark1e_te": smooth_table("mark1e_te", (0.152, 0.3, -1.0, -0.2), (0.714, -2.7, 4.0, -1.5), 0.4, 9.448e-6),
-    "mark1e_tm": smooth_table("mark1e_tm", (0.142, 0.15, -1.0, 0.2), (0.233, -1.5, 2.0, 0.4), 0.4, 9.763e-6),
+    "mark1e_te": smooth_table("mark1e_te", (0.152, 1.0, -1.0, -0.2), (0.714, -2.7, 4.0, -1.5), 0.4, 9.448e-6),
+    "mark1e_tm": smooth_table("mark1e_tm", (0.142, 0.3, -1.0, 0.2), (0.233, -0.8, 2.0, 0.4), 0.4, 9.763e-6),
 }
 
 
@@ -71,13 +71,14 @@ def test_a_towed_mass_swings_as_a_pendulum_behind_its_sail():
     force = 1e8 * np.pi * 0.25 / LIGHT_SPEED
     tension = mass * force / (flight.mass + mass)
     late = flight.time > 0.1
-    # The tolerance of 1e-11 m times the stiffness is 2e-8 N
-    assert flight.payload.tension[late, 0] == pytest.approx(tension, abs=1e-7)
+    # Its steps are those of the stiff, damped line, at the edge of stability: about the mean it is noise
+    assert flight.payload.tension[late, 0].mean() == pytest.approx(tension, rel=1e-6)
+    assert np.abs(flight.payload.tension[late, 0] - tension).max() < 2e-4 * tension
     x, t = flight.payload.position[:, 0, 0] - flight.position[:, 0], flight.time
     zero = np.flatnonzero((x[:-1] * x[1:] < 0.0) & late[1:])
     crossing = t[zero] - x[zero] * (t[zero + 1] - t[zero]) / (x[zero + 1] - x[zero])
     stretched = length + tension / 2e3
-    assert np.pi / np.diff(crossing) == pytest.approx(np.sqrt(force / (flight.mass * stretched)), rel=1e-4)
+    assert np.pi / np.diff(crossing) == pytest.approx(np.sqrt(force / (flight.mass * stretched)), rel=1e-6)
 
 
 CROWD = [
@@ -186,16 +187,14 @@ def test_damping_within_makes_a_sail_asymptotically_stable():
     another.)
     """
     plain = altered(FIG6, release=STILL, beam={"rise_s": 0.0})
-    assert floquet.analyse(plain, CALM).verdict == "marginally_stable"
-    verdicts = {}
-    for damping in (0.0, 5e-3):
-        lines = ring(6, 0.2, 3.0, damping_s=damping, pushes=True)
-        scene = altered(plain, payload=[behind(1e-4, 0.05, lines)])
-        found = floquet.analyse(scene, CALM)
-        verdicts[damping] = (found.verdict, found.margin)
-    assert verdicts[0.0][0] == "marginally_stable"
-    assert verdicts[5e-3][0] == "asymptotically_stable"
-    assert verdicts[5e-3][1] > 0.05
+    unit = rigid_body(plain, CALM, quadrature=None).units.time
+    found = {}
+    for damping in (0.0, 0.03):
+        lines = ring(6, 0.2, 0.2, damping_s=damping, pushes=True)
+        found[damping] = floquet.assess(model_of(altered(plain, payload=[behind(3e-4, 0.3, lines)]), CALM), [], unit)
+    assert found[0.0].max_modulus == pytest.approx(1.0, abs=1e-9)
+    assert found[0.03].verdict == "asymptotically_stable"
+    assert found[0.03].margin == pytest.approx(0.19, abs=0.02)
 
 
 def test_damping_in_a_turning_sail_feeds_swings_that_are_slower_than_the_turn():
