@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.figure import Figure
 
 from beamrider.io.files import run_stage
@@ -13,7 +15,7 @@ from dynamics.scene.schema import Scene, read_scene
 from dynamics.stability.derivatives import linearise
 from dynamics.stability.linear import LinearModel, growth, margin
 from dynamics.stability.towed import TowedModel, towed
-from workflow.figures.drawing import np, parser, plt, save
+from workflow.figures.drawing import parser, save
 
 MASSES_G, LINES = (0.01, 0.03, 0.1, 0.3, 1.0), 6
 DEPTHS = np.geomspace(0.03, 3.0, 41)
