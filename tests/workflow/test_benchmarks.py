@@ -93,9 +93,11 @@ BENCHMARKS: dict[str, tuple[Given, dict[str, Any], str]] = {
     ),
 }
 MEEP = ("accuracy_fdtd", "fdtd_plain")
-#: They compile kernels of flexible flight, which takes minutes.
-FLYING = ("accuracy_flight", "accuracy_reflections", "corotating", "flight_speed")
-MARKS = {name: [pytest.mark.meep, needs_meep] for name in MEEP} | {name: [pytest.mark.slow] for name in FLYING}
+#: Every run of the tests tries those that take seconds; the others compile or solve for minutes.
+QUICK = ("accuracy_modal", "accuracy_tables", "error_estimate", "table_lookup")
+MARKS = {name: [pytest.mark.slow] for name in BENCHMARKS if name not in QUICK}
+for name in MEEP:
+    MARKS[name] += [pytest.mark.meep, needs_meep]
 
 
 @pytest.fixture(scope="module")
