@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from beamrider.io.files import DIMENSIONLESS, NonNegative, Number, Positive, Strict
+from beamrider.io.wording import brief
 from dynamics.light import spots
 from dynamics.light.aim import POWER, Wander
 from dynamics.light.flat_top import FlatTop
@@ -101,6 +102,8 @@ class Beam(Strict):
         """Radius, and intensity, of a map or a sum, which bring their own."""
         profile = data.get("profile") if isinstance(data, dict) else None
         kind = profile.get("kind") if isinstance(profile, dict) else getattr(profile, "kind", None)
+        if isinstance(profile, dict) and isinstance(kind, int):  # pydantic cannot say a very long number
+            return {**data, "profile": {**profile, "kind": brief(kind)}}
         if kind not in ("map", "sum"):
             return data
         try:
