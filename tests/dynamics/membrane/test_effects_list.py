@@ -82,6 +82,7 @@ def test_a_new_effect_brakes_the_sail_as_its_closed_form_says(flown: dict):
     assert flown["columns"][-2:] == ["drag_force", "drag_power"]
 
 
+@pytest.mark.slow
 def test_where_it_is_off_it_has_no_arrays_and_does_nothing(flown: dict):
     found = flown["calm"]
     assert found["plan"] == {"on": False, "reason": "air around the sail", "cost": "nothing"}
