@@ -1,7 +1,7 @@
 """What source files mean, kept from run to run by their content: to parse all of them takes a second of every run.
 
-The file is a by-product, as Python's own in the same folder `__pycache__`: where it cannot be read or written, or is
-damaged, files are parsed again.
+The file is a by-product, as Python's own, in the folder `__pycache__` if there is one: where it cannot be read or
+written, or is damaged, files are parsed again.
 """
 
 from __future__ import annotations
@@ -52,7 +52,6 @@ class KeptSources:
             return
         text = json.dumps(dict(list(self._found.items())[-MOST:])).encode()
         with contextlib.suppress(OSError):
-            self._path.parent.mkdir(exist_ok=True)
             handle, name = tempfile.mkstemp(prefix=f".{self._path.name}.", dir=self._path.parent)
             try:
                 with open(handle, "wb") as stream:

@@ -74,6 +74,7 @@ def test_a_program_that_is_not_there_is_named(tmp_path):
 def kept(tmp_path, monkeypatch) -> Iterator[Path]:
     """Where what sources mean is kept, nothing as yet."""
     path = tmp_path / "__pycache__/sources.json"
+    path.parent.mkdir()
     monkeypatch.setattr(module, "_kept", functools.cache(lambda: KeptSources(path, Path(module.__file__))))
     module._read.cache_clear()
     yield path
