@@ -105,7 +105,8 @@ def test_a_tilted_beam_pushes_as_a_tilted_world_would(tmp_path: Path):
     _, tilted = lit(tmp_path / "a", **wandering(pointing=beam.pointing.model_dump()))
     _, turned = lit(tmp_path / "b", shape=lambda x: frame @ x, **wandering())
     assert np.allclose(force(tilted), frame.T @ force(turned), rtol=1e-10, atol=1e-12 * abs(force(turned)[2]))
-    assert abs(force(tilted)[0]) > 1e-3 * force(tilted)[2]  # what is compared is not nothing
+    # Of a level film: a k_x along x, (2R + a) k_z along z
+    assert force(tilted)[0] / force(tilted)[2] == pytest.approx(0.1 / 1.3 * np.tan(np.radians(3.0)), rel=1e-9)
 
 
 def test_power_that_fluctuates_pushes_by_as_much_more(tmp_path: Path):

@@ -257,7 +257,9 @@ def test_the_swings_that_jitter_excites_are_those_of_the_linear_model():
         swings.append([(flight.position[:, :2] ** 2).sum(axis=1), (path**2).sum(axis=1)])
     flown, linear = np.mean(swings, axis=0)
     assert flown[-1] == pytest.approx(linear[-1], rel=5e-3)
-    assert flown[-1] > 2.0 * flown[flown.size // 4]
+    quarter = flown.size // 4
+    assert flown[quarter] == pytest.approx(linear[quarter], rel=1e-2)  # a path off by 2e-3 of the largest swing
+    assert flown[-1] > 2.0 * flown[quarter]
 
 
 def test_the_mean_square_of_an_oscillator_on_these_records_grows_as_the_closed_form():
