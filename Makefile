@@ -47,11 +47,11 @@ test: setup
 	$(BIN)/lint-imports
 	$(BIN)/snakefmt --check --compact-diff Snakefile workflow/rules
 	$(BIN)/codespell $$(git ls-files)
-	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
+	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow"
 
 # Which lines of Python the tests run. Kernels that Numba compiles are not seen by it, and don't count.
 coverage: setup
-	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow" --cov --cov-report=term
+	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow" --cov --cov-report=term
 
 # Checks of minutes each: whole flights against the published ones, FDTD at full resolution.
 test-slow: setup

@@ -30,3 +30,18 @@ def apart() -> Iterator[Callable[..., Any]]:
     """Call a function in another process: importing Meep would switch denormal numbers off in this one."""
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("fork")) as pool:
         yield lambda function, *arguments: pool.submit(function, *arguments).result()
+
+
+#: Files whose first flight compiles all kernels of its kind, for minutes: each begins on a process of its own.
+COMPILING = ("tests/dynamics/membrane/test_flight_ends.py", "tests/dynamics/rigid/test_rigid.py")
+#: What needs no such kernels comes next, so that no two processes compile the same.
+PLAIN = ("tests/optics/", "tests/beamrider/")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What compiles first, then what needs none of it, then the rest."""
+    def turn(item: pytest.Item) -> int:
+        file = item.nodeid.split("::")[0]
+        return COMPILING.index(file) if file in COMPILING else len(COMPILING) + (not file.startswith(PLAIN))
+
+    items.sort(key=turn)
