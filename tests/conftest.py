@@ -35,7 +35,7 @@ def apart() -> Iterator[Callable[..., Any]]:
 #: Files whose first flight compiles all kernels of its kind, for minutes: each begins on a process of its own.
 COMPILING = ("tests/dynamics/membrane/test_flight_ends.py", "tests/dynamics/rigid/test_rigid.py")
 #: What needs no such kernels comes next, so that no two processes compile the same.
-PLAIN = ("tests/optics/", "tests/beamrider/")
+PLAIN = "tests/optics/"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
