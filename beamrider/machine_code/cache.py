@@ -19,6 +19,8 @@ from typing import Any
 
 from numba.core import caching, config
 
+from beamrider.machine_code import standalone
+
 ROOT = Path(__file__).resolve().parents[2]
 VARIABLE = "NUMBA_CACHE_DIR"
 _OURS = re.compile(r"numba-[0-9a-f]{16}")
@@ -28,18 +30,19 @@ _SUM = hashlib.sha256().digest_size
 class Checked(caching.IndexDataCacheFile):
     """Numba's index and data files, each with a SHA-256 sum at its end; one that it doesn't fit is compiled again.
 
-    A data file also holds its key, because two processes that compile at once may both give it the same number.
+    A data file also holds its key, because two processes that compile at once may both give it the same number, and
+    the functions that its code reaches by name (see `standalone`).
     """
 
     def save(self, key: Any, data: Any) -> None:
         """Keep `data`, or not where the disk is full."""
         with contextlib.suppress(OSError):
-            super().save(key, (key, data))
+            super().save(key, (key, data, standalone.called_by(data)))
 
     def load(self, key: Any) -> Any:
         """What was kept under `key`, whole, or None."""
         found = super().load(key)
-        return found[1] if found and found[0] == key else None
+        return found[1] if found and found[0] == key and standalone.bring(found[2]) else None
 
     def _dump(self, obj: Any) -> bytes:
         content: bytes = super()._dump(obj)
@@ -77,7 +80,7 @@ def digest(root: Path = ROOT) -> str:
     folders = ("beamrider/machine_code", "optics", "dynamics")
     for path in sorted(path for folder in folders for path in root.glob(f"{folder}/**/*.py")):
         content = path.read_bytes()
-        if any(mark in content for mark in (b"njit", b"@intrinsic", b"hook", b"carray")):
+        if any(mark in content for mark in (b"njit", b"@intrinsic", b"hook", b"carray", b"standalone")):
             sums.update(path.relative_to(root).as_posix().encode() + b"\0" + content)
     return sums.hexdigest()[:16]
 

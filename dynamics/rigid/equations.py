@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamrider.arrays import Floats
+from beamrider.machine_code.standalone import standalone
 from dynamics.light.aim import Wander, aim, axes, brightness, where
 from dynamics.light.compiled import Profile
 from dynamics.light.intensity import ramp
@@ -186,7 +187,7 @@ def _see(light: Light, t: float, position: Floats, turn: Floats) -> tuple[float,
     return place[0, 0], place[1, 0]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def derivative(
     sail: RigidSail, tables: tuple[TableArrays, ...], light: Light, t: float, state: Floats, out: Floats
 ) -> int:

@@ -10,6 +10,7 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Floats, Integers
+from beamrider.machine_code.standalone import standalone
 from optics.table import films as film_table
 from optics.table import thick_membranes as thick_table
 from optics.table.layout import pack as pack
@@ -47,7 +48,7 @@ _V, _ROOT_0, _ROOT_1, _ABOVE, _WIDTH, _TAU, _S, _H, _R, _G, _MANY, _S_U, _S_V, _
 _BUCKET, _STRIP, _START, _ROW, _LINE = (k * _BLOCK for k in range(_PLACES))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def lookup(t: TableArrays, u: float, v: float) -> tuple[float, float, float, float, bool]:
     """(q_g, q_r, q_n, absorptance, inside) of one direction; outside the table the edge value with inside = False."""
     if thick_table.is_thick(t):
@@ -69,7 +70,7 @@ def lookup(t: TableArrays, u: float, v: float) -> tuple[float, float, float, flo
     return q0, q1, q2, q3, inside
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def lookup_slopes(t: TableArrays, u: float, v: float, out: Floats) -> bool:
     """Write value, ∂u and ∂v of (q_g, q_r, q_n, absorptance, …) into out (3, k); returns inside.
 
@@ -270,7 +271,7 @@ def _many(p: Parts, u: Floats, v: Floats, out: Floats) -> None:
             _add_resonant(p, u, v, begin, size, f, out)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def lookup_many(t: TableArrays, u: Floats, v: Floats, out: Floats) -> tuple[int, int]:
     """`lookup` of many directions u, v (n,) into out (n, k): q_g, q_r, q_n, absorptance, …; the same bits.
 
@@ -292,7 +293,7 @@ def lookup_many(t: TableArrays, u: Floats, v: Floats, out: Floats) -> tuple[int,
     return _outside(p, x, y)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def lookup_slopes_many(t: TableArrays, u: Floats, v: Floats, out: Floats) -> None:
     """`lookup_slopes` of many directions u, v (n,) into out (n, 3, k); the same bits."""
     for i in range(u.size if thick_table.is_thick(t) else 0):

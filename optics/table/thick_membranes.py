@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamrider.arrays import Floats, Integers
+from beamrider.machine_code.standalone import standalone
 from optics.table.films import KIND, NUMBERS
 from optics.table.hermite import Values, make_patches
 from optics.table.layout import pack
@@ -184,7 +185,7 @@ def _interpolate(p: Parts, u: float, v: float, x: Floats) -> None:
             x[c + i] += more[i] * (read(p.n, p.parity + c + i) if turned else 1.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def _one(t: TableArrays, s: Setup, p: Parts, u: float, v: float, x: Floats, out: Floats) -> bool:
     """Look up one direction into out (16,), by the kind of the table; is it inside. x (k,) is overwritten."""
     inside = is_inside(p, u, v)

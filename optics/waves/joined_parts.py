@@ -15,6 +15,7 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Complexes, Floats
+from beamrider.machine_code.standalone import standalone
 from optics.waves.small_matrices import eliminate, norm, product, unit
 from optics.waves.thick_layers import Setup, admittance, back_at, homogeneous, matrix, patterned, turn, wave_number
 
@@ -141,7 +142,7 @@ def _with_light(up: Complexes) -> Complexes:
     return out
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def respond(s: Setup, x: Floats, u: float, v: float, out: Floats) -> None:
     """Write q_g, q_r, q_n and the absorptance for each Stokes component into out (16,), the parts held in x."""
     out[:QUANTITIES] = 0.0

@@ -13,6 +13,7 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Floats
+from beamrider.machine_code.standalone import standalone
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects.interface import Decision, Plan, Setup, hook, only_if
 from dynamics.membrane.effects.sheet import Sheet, SheetWork
@@ -108,7 +109,7 @@ def _tighten(tau: Floats, sheet: Sheet, modulus: Floats, shear: Floats, rate: Fl
         tension[2 * t + i] = c[2 * t + i] * trace - shear[i] * (half - s)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def resist(
     damping: Damping, sheet: Sheet, elastic: SheetWork, springs: Springs, work: DampingWork, x: Floats, v: Floats,
     acceleration: Floats,

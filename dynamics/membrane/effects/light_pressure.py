@@ -18,6 +18,7 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Floats, Indices, Integers
+from beamrider.machine_code.standalone import standalone
 from beamrider.machine_code.streams import streams
 from dynamics.light.aim import Wander
 from dynamics.light.compiled import Profile, shine
@@ -306,7 +307,7 @@ def _hold(light: LightPressure, work: HeldLight, patch: Patch, begin: int, at: i
         patch.response[j, 2] = scale * q[j, 2] / double
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def respond(
     light: LightPressure, work: HeldLight, patch: Patch, layout: Stencil, x: Floats, gone: Integers, first: int,
     last: int, found: Integers, seen: Floats, held: Floats,

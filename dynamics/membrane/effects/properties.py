@@ -13,6 +13,7 @@ import numpy as np
 
 from beamrider.arrays import Floats, Indices, Integers
 from beamrider.io.files import InputError
+from beamrider.machine_code.standalone import standalone
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects.interface import Setup, hook
 from dynamics.membrane.effects.sheet import Sheet
@@ -240,7 +241,7 @@ def _warm(curve: PropertyCurve, rate: float, corners: Indices, temperature: Floa
         per_capacity[n] = rate / per_capacity[n]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def update(
     curves: PropertyCurves, corners: Indices, temperature: Floats, gone: Integers, emission: Floats,
     conductance: Floats, per_capacity: Floats,

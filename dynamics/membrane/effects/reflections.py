@@ -18,6 +18,7 @@ import numpy as np
 
 from beamrider.arrays import Floats, Integers
 from beamrider.io.files import InputError
+from beamrider.machine_code.standalone import standalone
 from dynamics.light.intensity import LIGHT_SPEED
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects import polarisation, tearing
@@ -299,7 +300,7 @@ def _hold(work: MirrorWork, held: HeldLight, patch: Patch) -> None:
         held.absorbed[i] += work.heat[i]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def bounce(
     mirror: Mirror, work: MirrorWork, light: LightPressure, held: HeldLight, patch: Patch, x: Floats, gone: Integers,
     t: float,

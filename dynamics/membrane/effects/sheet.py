@@ -20,6 +20,7 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Floats, Indices
+from beamrider.machine_code.standalone import standalone
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects import springs
 from dynamics.membrane.effects.interface import (
@@ -287,7 +288,7 @@ def _energy(work: SheetWork, d: Excess, trace: float, i: int) -> float:
     return 0.25 * (work.modulus[i] * trace * trace - 0.5 * work.shear[i] * form)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def strain_and_energy(
     sheet: Sheet, work: SheetWork, layout: Stencil, free: Floats, corners: Indices, x: Floats, patch: Patch
 ) -> tuple[float, float, float]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamrider.arrays import Floats, Indices
+from beamrider.machine_code.standalone import standalone
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects import sheet
 from dynamics.membrane.effects.failure import INTACT, NON_FINITE, hot_corner
@@ -152,7 +153,7 @@ def remove_all_light(broken: Broken, light: HeldLight, layout: Stencil, held: Fl
         remove_light(broken, light, layout, held, i)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def tear(
     broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: HeldLight, layout: Stencil,
     space: StencilWork, springs: Springs, corners: Indices, x: Floats, t: float,
@@ -176,7 +177,7 @@ def tear(
     return INTACT, -1, torn
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def burn(
     broken: Broken, model: Sheet, work: SheetWork, limits: Heat, heat: HeatWork, light: HeldLight, layout: Stencil,
     held: Floats, springs: Springs, corners: Indices, x: Floats, temperature: Floats, t: float,

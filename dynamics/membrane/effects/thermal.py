@@ -8,6 +8,7 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Floats, Indices
+from beamrider.machine_code.standalone import standalone
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects import properties
 from dynamics.membrane.effects.interface import Decision, Plan, Setup, hook, needs_heat, only_if, own, starts
@@ -194,7 +195,7 @@ def _conduct(conductance: Floats, springs: Springs, temperature: Floats, rate: F
         rate[b] -= flow
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def add_flows(
     heat: Heat, work: HeatWork, springs: Springs, corners: Indices, patch: Patch, x: Floats, temperature: Floats,
     absorbed: Floats, gain: float,
@@ -235,7 +236,7 @@ def hottest(temperature: Floats) -> float:
     return largest
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def radiated(
     emission: Floats, x: Floats, corners: Indices, patch: Patch, temperature: Floats, background: float
 ) -> float:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import numba
 
 from beamrider.arrays import Floats
+from beamrider.machine_code.standalone import standalone
 from beamrider.machine_code.streams import by_row
 from dynamics.membrane.layout import elements
 from dynamics.membrane.layout.elements import GUARD, apart
@@ -155,7 +156,7 @@ def _pass(
     return found
 
 
-@by_row()
+@standalone(_nrt=False)
 def sweep(
     stencil: Stencil, work: StencilWork, source: int, times: StepTimes, thread: int, levels: int, seam: bool
 ) -> None:

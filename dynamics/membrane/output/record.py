@@ -8,6 +8,7 @@ from itertools import accumulate
 import numba
 
 from beamrider.arrays import Floats
+from beamrider.machine_code.standalone import standalone
 from beamrider.machine_code.streams import streams
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects import failure, tearing
@@ -69,7 +70,7 @@ def motion(masses: Floats, rest: Floats, x: Floats, v: Floats, row: Floats) -> N
         row[KINETIC] += 0.5 * m * (v[0, i] * v[0, i] + v[1, i] * v[1, i] + v[2, i] * v[2, i])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def write_row(model: Model, state: State, work: WorkSpace, n: int, row: Floats) -> int:
     """One row (WIDTH,) about the state at step n; INTACT, FLY_AWAY, BROKEN or NON_FINITE."""
     for i in range(row.size):

@@ -22,6 +22,7 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Floats, Indices
+from beamrider.machine_code.standalone import standalone
 from dynamics.membrane.arrays import Model
 from dynamics.membrane.effects.springs import Springs
 from dynamics.membrane.output.record import centre
@@ -215,7 +216,7 @@ def _assemble(own: CorotatingWork, dt: float, spin: float) -> None:
             own.field[c, i] = e[0, c] * x + e[1, c] * y + e[2, c] * z
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def replace_accelerations(
     model: Model, scheme: Corotating, own: CorotatingWork, x: Floats, v: Floats, acceleration: Floats
 ) -> None:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numba
 
 from beamrider.arrays import Floats, Integers
+from beamrider.machine_code.standalone import standalone
 
 
 class Factor(NamedTuple):
@@ -87,7 +88,7 @@ def _substitute(factor: Factor, space: Solution) -> None:
             y[a + i] = found[i]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def solve_factorised(factor: Factor, space: Solution, values: Floats) -> None:
     """Replace the right-hand sides in values (n,), in their own order, by the unknowns."""
     order, y = factor.order, space.y

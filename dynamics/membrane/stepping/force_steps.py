@@ -5,6 +5,7 @@ from __future__ import annotations
 import numba
 
 from beamrider.arrays import Floats
+from beamrider.machine_code.standalone import standalone
 from dynamics.light.aim import brightness
 from dynamics.light.intensity import ramp
 from dynamics.membrane.arrays import Model, WorkSpace
@@ -86,7 +87,7 @@ def _take_at_once(model: Model, state: State, work: WorkSpace, most: int, deepes
     return done
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def take_free_steps(model: Model, state: State, work: WorkSpace, n: int, most: int) -> int:
     """From nodes that have just moved to step n on: at most so many whole steps; how many.
 

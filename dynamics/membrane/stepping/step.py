@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Floats
+from beamrider.machine_code.standalone import standalone
 from dynamics.light.aim import aim
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects import composition, failure, properties, sheet, tearing, thermal
@@ -49,7 +50,7 @@ def _light_up(model: Model, work: WorkSpace, x: Floats, v: Floats, temperature: 
     return failure.INTACT
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def warm_up(model: Model, work: WorkSpace, x: Floats, temperature: Floats, t: float, whole: bool) -> int:
     """Free lengths at new temperatures; INTACT, THERMAL or NON_FINITE. What fails is tested after `whole` steps."""
     composition.lengthen(model, work, temperature)
@@ -112,7 +113,7 @@ def _finite(x: Floats) -> bool:
     return largest < np.inf
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def evaluate(
     model: Model, work: WorkSpace, x: Floats, v: Floats, temperature: Floats, t: float, gain: float, renew: bool,
     heating: bool,

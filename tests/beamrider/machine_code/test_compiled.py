@@ -28,7 +28,7 @@ def copy(tmp_path: Path) -> Path:
         (root / name).mkdir(parents=True)
     for name in (
         "optics/__init__.py", "beamrider/__init__.py", "beamrider/__init__.pyi", "beamrider/machine_code/__init__.py",
-        "beamrider/machine_code/cache.py",
+        "beamrider/machine_code/cache.py", "beamrider/machine_code/standalone.py",
     ):
         (root / name).write_bytes((compiled.ROOT / name).read_bytes())
     (root / "dynamics/__init__.py").write_text("")

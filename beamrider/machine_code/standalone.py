@@ -1,0 +1,82 @@
+"""Compiled functions whose machine code stands by itself: those that call them reach it by name, and hold no copy.
+
+Numba links the code of all that a function calls into its own, and optimises and translates that again for each level
+of callers: what is called from many places, or from deep below, is compiled many times. A function that does much a
+call loses nothing by a call. Its callers' code in the cache holds its name; it must be at hand before theirs is loaded.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import importlib
+import re
+from collections.abc import Callable
+from typing import Any
+
+import llvmlite.binding
+from numba.core import compiler_lock, serialize, sigutils
+from numba.core.registry import CPUDispatcher
+
+_PREFIX = "beamrider.standalone."
+_NAME = re.compile(re.escape(_PREFIX).encode() + rb"[0-9a-f]{32}")
+
+#: Where a function comes from: module, name there, types of the arguments.
+Origin = tuple[str, str, tuple[Any, ...]]
+_offered: dict[str, Origin] = {}
+
+
+class Standalone(CPUDispatcher):
+    """Numba's dispatcher, but that compiled callers get a call by name in place of the code to be linked in."""
+
+    def compile(self, sig: Any) -> Any:
+        """Entry point for a signature, from the cache or compiled now; from then on its name is known to the linker."""
+        with compiler_lock.global_compiler_lock:
+            types = tuple(sigutils.normalize_signature(sig)[0])
+            known = types in self.overloads
+            entry = super().compile(sig)
+            if not known:
+                _offer(self, types, entry)
+        return entry
+
+
+def _offer(function: Standalone, types: tuple[Any, ...], entry: Any) -> None:
+    """Tell the linker the function's address, and callers its name alone."""
+    origin = function.py_func.__module__, function.py_func.__qualname__, types
+    name = _PREFIX + hashlib.sha256(repr((origin[:2], str(types))).encode()).hexdigest()[:32]
+    found = function.overloads[types]
+    address = found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
+    llvmlite.binding.add_symbol(name, address)
+    called = copy.copy(found.fndesc)
+    called.mangled_name = name
+    function.targetctx.remove_user_function(entry)
+    function.targetctx.insert_user_function(entry, called, [])
+    _offered[name] = origin
+
+
+def standalone(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator of a function that does much a call and is called from several places, or from deep below."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        given = {"nopython": True, "error_model": "numpy", "boundscheck": None} | options
+        made = Standalone(function, targetoptions=given)
+        made.enable_caching()
+        return made
+
+    return decorate
+
+
+def called_by(code: Any) -> list[Origin]:
+    """The functions that compiled code, as it goes to the cache, reaches by name."""
+    names = sorted(set(_NAME.findall(serialize.dumps(code))))
+    return [_offered[name.decode()] for name in names if name.decode() in _offered]
+
+
+def bring(origins: list[Origin]) -> bool:
+    """Have these functions at hand; False where one is no longer there, or no longer stands by itself."""
+    for module, name, types in origins:
+        function = getattr(importlib.import_module(module), name, None)
+        if not isinstance(function, Standalone):
+            return False
+        function.compile(types)
+    return True
