@@ -15,6 +15,7 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
+from scipy.linalg import eigh_tridiagonal
 
 from beamrider.arrays import Floats
 from dynamics.light.sectors import Rules
@@ -167,7 +168,7 @@ def _gauss(w: float, n: int) -> Rule:
     diagonal, beside, total = _recurrence(w)
     if n > diagonal.size:
         raise ArithmeticError(f"a radial rule of {n} points: the quadrature error asked for is too small")
-    values, vectors = np.linalg.eigh(np.diag(diagonal[:n]) + np.diag(beside[: n - 1], 1) + np.diag(beside[: n - 1], -1))
+    values, vectors = eigh_tridiagonal(diagonal[:n], beside[: n - 1])
     return values, total * vectors[0] ** 2
 
 
