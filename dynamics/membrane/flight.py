@@ -273,7 +273,7 @@ class Flight:
             )
 
     def columns(self) -> dict[str, tuple[Floats, str]]:
-        """Columns and units of the series."""
+        """Columns (rows, ...) and units of the series."""
         cold = None if self.model.warm else self.membrane.scene.flight.start_temperature_K
         return series(np.asarray(self.journal.rows), cold)
 
@@ -296,7 +296,7 @@ def _seconds_a_step(flight: Flight, start: int) -> float:
 
 
 def fly(scene: Scene, tables: dict[str, PressureTable]) -> tuple[Flight, End, dict[str, Floats]]:
-    """Fly a scene without leaving a file: the flight, its end, and the columns of its series."""
+    """Fly a scene without leaving a file: the flight, its end, and the columns (rows, ...) of its series."""
     check_place(scene, np.array(scene.release.offset_m))
     with tempfile.TemporaryDirectory() as folder:
         flight = Flight(scene, tables, Path(folder))

@@ -24,7 +24,7 @@ _LINE = int(GUARD)
 
 
 def aligned(*shape: int) -> Floats:
-    """Zeros that begin at a line of the cache: vectors that cross lines cost twice."""
+    """Zeros (...) that begin at a line of the cache: vectors that cross lines cost twice."""
     size = int(np.prod(shape))
     raw = np.zeros(size + _LINE)
     skip = -(raw.ctypes.data // 8) % _LINE
@@ -63,7 +63,10 @@ def _families(steps: Integers, first: Integers, start: Integers) -> Families:
 
 
 def layout(mesh: Mesh, outline: str, rings: int, masses: Floats) -> Stencil:
-    """The layout, without springs, of a mesh whose triangles are those of `shapes.shape_triangles` in any order."""
+    """The layout, without springs, of a mesh whose triangles are those of `shapes.shape_triangles` in any order.
+
+    masses (n,) in kg.
+    """
     points = lattice_points(outline, rings) + rings
     rows = 2 * rings + 1
     first, last = np.full(rows, rows), np.zeros(rows, np.int64)

@@ -45,7 +45,7 @@ _REAL = 1e-6
 
 
 def square_root(square: Complexes) -> Complexes:
-    """√ with the sign of a wave that decays or else runs along +z; kept off zero by `_CUTOFF`."""
+    """√ (...) with the sign of a wave that decays or else runs along +z; kept off zero by `_CUTOFF`."""
     root = np.sqrt(square)
     # Plasmons may run backwards (Re < 0) while they decay; a root that is real but for rounding runs forwards.
     real = np.abs(root.imag) <= _REAL * np.abs(root)
@@ -252,7 +252,7 @@ def through_layers(
     stack: Stack, bases: list[Basis], starts: list[int], v: Floats, front: Complexes, back: Complexes,
     source: Complexes, negligible: float,
 ) -> tuple[Complexes, Complexes]:
-    """`scatter` for n_d directions, those of one u and basis from `starts` on: f± at the top, f₊ below."""
+    """`scatter` for n_d directions, those of one u and basis from `starts` on: f± (n_d, 2, 2n, columns), f₊ below."""
     top, bottom = np.empty((v.size, 2, *source.shape[1:]), complex), np.empty_like(source)
     thickness = np.array([layer.thickness for layer in stack.patterned])[:, None]
     epsilon = np.array([np.nan if layer.ridges else layer.background for layer in stack.patterned])

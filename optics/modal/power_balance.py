@@ -40,7 +40,7 @@ def medium(u_m: Floats, v: Floats, k_z: Complexes, y: Complexes, depth: float) -
 
 
 def running(of: Medium) -> Integers:
-    """The orders that run at one of the directions at least."""
+    """The orders (k,) that run at one of the directions at least."""
     return np.flatnonzero(of.scale.any(axis=(0, 2)))
 
 

@@ -44,7 +44,7 @@ class Slanted:
         return self.profile.model_dump_json(), self.count, self.reach
 
     def holds(self, u: Floats, v: Floats) -> bool:
-        """Whether all directions u, v are within its reach."""
+        """Whether all directions u (n_u,), v (n_v,) are within its reach."""
         if self.reach is None:
             return False
         return bool((np.abs(u) <= self.reach[0]).all() and (np.abs(v) <= self.reach[1]).all())

@@ -83,7 +83,7 @@ class Stretch:
         return turns + self.xi[i] + t * (self.xi[i + 1] - self.xi[i])
 
     def coefficients(self, pieces: tuple[Piece, ...], count: int) -> Complexes:
-        """Fourier coefficients −count … count over ξ of f times a function that is 0 but on the pieces."""
+        """Fourier coefficients (2 count + 1,), −count first, over ξ of f times a function, 0 but on the pieces."""
         m = np.arange(-count, count + 1)
         total = np.zeros(m.size, complex)
         for start, width, value in pieces:
@@ -127,14 +127,14 @@ class Basis:
     columns: Complexes | None
 
     def take(self, matrix: Complexes) -> Complexes:
-        """Wᴴ M W of a matrix over exp(iα_m ξ)."""
+        """Wᴴ M W of a matrix (n, n) over exp(iα_m ξ)."""
         if self.columns is None:
             return matrix
         return np.asarray(self.columns.conj().T @ (matrix @ self.columns))
 
 
 def fourier_coefficients(within: Stretch | None, pieces: tuple[Piece, ...], count: int) -> Complexes:
-    """Fourier coefficients −count … count of a function that is 0 but on the pieces, times f over ξ if stretched."""
+    """Fourier coefficients (2 count + 1,) of a function that is 0 but on the pieces, times f over ξ if stretched."""
     if within:
         return within.coefficients(pieces, count)
     m = np.arange(-count, count + 1)
@@ -193,7 +193,7 @@ def weight(of: Stretch, n: int) -> Complexes:
 
 @lru_cache(maxsize=256)
 def exact(of: Stretch, n: int) -> NDArray[np.bool_]:
-    """Which of the n orders have their own cosine but for rounding."""
+    """Which of the orders (n,) have their own cosine but for rounding."""
     m = np.arange(n) - n // 2
     return np.asarray(np.abs(eigh(np.diag(m.astype(float)), weight(of, n), eigvals_only=True) - m) < _EXACT)
 

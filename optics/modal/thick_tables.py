@@ -137,7 +137,7 @@ class _Truth:
 
     @property
     def flat(self) -> tuple[Floats, Floats]:
-        """The directions one after the other (n m)."""
+        """The directions (n_directions,) one after the other."""
         return np.repeat(self.u, self.v.shape[1]), self.v.ravel()
 
 

@@ -66,7 +66,7 @@ def change(a: Forces | Response, b: Forces | Response) -> tuple[Floats, Floats]:
 
 
 def fitted_rate(rungs: Sequence[int], changes: Sequence[Floats]) -> tuple[float, float]:
-    """Rate p of changes C N^−p from the lower of two rungs each, and the scatter of their logarithms about it."""
+    """Rate p of changes (...) C N^−p from the lower of two rungs each, and the scatter of their logarithms about it."""
     x = np.log(np.array(rungs[: len(changes)], float))[-_FITTED:]
     y = np.log([max(float(np.quantile(part, 0.9)), 1e-15) for part in changes[-_FITTED:]])
     slope, constant = np.polyfit(x, y, 1)
@@ -75,7 +75,7 @@ def fitted_rate(rungs: Sequence[int], changes: Sequence[Floats]) -> tuple[float,
 
 
 def remaining(rungs: Sequence[int], changes: Sequence[Floats]) -> Floats:
-    """Error of the last of the rungs in each direction."""
+    """Error (...) of the last of the rungs in each direction, from the changes (...) between rungs."""
     rate, scatter = fitted_rate(rungs, changes)
     last, step = rungs[-1], rungs[-1] / rungs[-2]
     recent = [part * (n / last) ** rate for n, part in zip(rungs[-3:-1], changes[-2:], strict=True)]
@@ -188,14 +188,14 @@ class Chosen:
         return {"orders": self.order} | ({} if self.slices is None else {"slices": self.slices})
 
     def solve(self, u: Floats, v: Floats, negligible: float = NEGLIGIBLE, order: int | None = None) -> Response:
-        """Response over u × v with the orders chosen, or others; extrapolated where there are slices."""
+        """Response over u (n_u,) × v (n_v,) with the orders chosen, or others; extrapolated where there are slices."""
         fine = self._solve(self.cell, u, v, order or self.order, negligible)
         if self.half is None or isinstance(self.cell, Slanted):
             return fine
         return extrapolated(fine, self._solve(self.half, u, v, order or self.order, negligible))
 
     def scout(self, u: Floats, v: Floats, order: int, negligible: float = NEGLIGIBLE) -> Response:
-        """Response as half of the slices give it: resonances are there, if not quite where they belong."""
+        """Response over u (n_u,) × v (n_v,) by half of the slices: resonances are there, if not quite in place."""
         return self._solve(self.half or self.cell, u, v, order, negligible)
 
     def errors(

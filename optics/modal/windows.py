@@ -36,7 +36,7 @@ def resonance_window(cell: ModalCell, u_max: float, v_max: float) -> Window:
 
 
 def first_directions(curves: Curves, u_max: float, v_max: float, step: float = _FIRST_STEP) -> tuple[Floats, Floats]:
-    """Rows u and lines v that a table with these cut-offs begins with, `step` apart in u and in v²."""
+    """Rows u (n_u,) and lines v (n_v,) that a table with these cut-offs begins with, `step` apart in u and in v²."""
     u = np.linspace(-u_max, u_max, max(_FEWEST_ROWS, 1 + 2 * int(np.ceil(u_max / step))))
     # Strips between neighbouring cut-offs may be narrower than the rows are apart: they get rows of their own.
     edges = np.sort(curves.u(np.zeros(1))[:, 0])

@@ -18,7 +18,7 @@ INTACT, TENSILE, THERMAL, LEFT_TABLE, FLY_AWAY, NON_FINITE, BROKEN, BEYOND = ran
 def first_torn(springs: Springs, x: Floats, free: Floats) -> tuple[int, int]:
     """(TENSILE or NON_FINITE, edge) of the lowest edge past its limit, or of no finite length; (INTACT, −1) if none.
 
-    NON_FINITE wins over TENSILE.
+    x (3, n) in m, free lengths (edges,) in m. NON_FINITE wins over TENSILE.
     """
     stretch = springs.stretch
     torn = -1
@@ -51,7 +51,10 @@ def first_burnt(corners: Indices, limit: Floats, lowest: float, temperature: Flo
 
 @numba.njit(cache=True, inline="always")
 def hot_corner(corners: Indices, limit: Floats, temperature: Floats, i: int) -> int:
-    """The first corner of triangle i whose temperature is past its limit, or is no number; −1 if none."""
+    """The first of the corners (3, triangles) of triangle i whose temperature (n,) is past its limit; −1 if none.
+
+    One that is no number is past it too.
+    """
     for c in range(3):
         if not temperature[corners[c, i]] <= limit[i]:
             return c

@@ -77,7 +77,7 @@ def starts(columns: Columns) -> tuple[int, ...]:
 
 
 def only_if(on: bool, values: Any) -> Floats:
-    """The values, or nothing where an effect is off."""
+    """The values (...), or nothing (0,) where an effect is off."""
     return np.ascontiguousarray(values, dtype=float) if on else np.empty(0)
 
 
@@ -87,7 +87,7 @@ def own(values: Any, changes: bool) -> Any:
 
 
 def unsigned(values: Any) -> NDArray[np.uint32]:
-    """Contiguous unsigned indices: compiled code need not test them for a negative sign."""
+    """Contiguous unsigned indices (...): compiled code need not test them for a negative sign."""
     return np.ascontiguousarray(values, dtype=np.uint32)
 
 

@@ -319,7 +319,10 @@ def tears(sheet: Sheet, work: SheetWork, d: Excess, i: int) -> bool:
 def first_torn(
     sheet: Sheet, work: SheetWork, layout: Stencil, free: Floats, corners: Indices, x: Floats
 ) -> tuple[int, bool]:
-    """Lowest triangle above its strength, or one that is not finite, which wins; is it finite. −1 if there is none."""
+    """Lowest triangle above its strength, or one that is not finite, which wins; is it finite. −1 if there is none.
+
+    Corners (3, triangles), nodes x (3, n) in m.
+    """
     torn = -1
     for i in range(sheet.modulus.size):
         d = excess(layout, free, corners, x, i)

@@ -56,7 +56,7 @@ def build(setup: Setup) -> SpinUp:
 
 @numba.njit(cache=True, error_model="numpy")
 def angular_acceleration(spin: SpinUp, step: int, dt: float, masses: Floats, x: Floats, v: Floats) -> float:
-    """Acceleration α in rad/s² for one step of the force m α ẑ × x.
+    """Acceleration α in rad/s² for one step of the force m α ẑ × x; masses (n,), x and v (3, n).
 
     With α left open it is the one after which L_z equals I_z Ω_nominal(t + Δt): rotation slows as the sail stretches,
     and a uniform α would end below the nominal rate.

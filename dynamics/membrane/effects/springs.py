@@ -99,7 +99,7 @@ def free_lengths(springs: Springs, temperature: Floats, free: Floats) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def negate(values: Floats, m: int) -> None:
-    """values[m + i] = −values[i] for i < m."""
+    """values[m + i] = −values[i] for i < m; values (2 m,)."""
     for i in range(m):
         values[m + i] = -values[i]
 
@@ -125,7 +125,7 @@ def collect(pull: Floats, slots: Indices, force: Floats) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def strain_and_energy(springs: Springs, x: Floats, free: Floats) -> tuple[float, float, float]:
-    """Largest and smallest strain ℓ/L − 1, and elastic energy Σ ½k(ℓ − L)² in J."""
+    """Largest and smallest strain ℓ/L − 1, elastic energy Σ ½k(ℓ − L)² in J; x (3, n), free lengths (edges,) in m."""
     largest = -np.inf
     smallest = np.inf
     energy = 0.0

@@ -148,7 +148,7 @@ def remove_light(broken: Broken, light: HeldLight, layout: Stencil, held: Floats
 
 @numba.njit(cache=True, error_model="numpy")
 def remove_all_light(broken: Broken, light: HeldLight, layout: Stencil, held: Floats) -> None:
-    """No light on all triangles that are gone."""
+    """No light on all triangles that are gone; held (3, padded) is what the light gives."""
     for i in range(broken.gone.size):
         remove_light(broken, light, layout, held, i)
 
@@ -182,7 +182,10 @@ def burn(
     broken: Broken, model: Sheet, work: SheetWork, limits: Heat, heat: HeatWork, light: HeldLight, layout: Stencil,
     held: Floats, springs: Springs, corners: Indices, x: Floats, temperature: Floats, t: float,
 ) -> None:
-    """The same for triangles with a node above their limit; the place is the middle of the side that starts there."""
+    """The same for triangles with a node above their limit; the place is the middle of the side that starts there.
+
+    Nodes x (3, n) in m, temperature (n,) in K.
+    """
     size = model.modulus.size
     for i in range(limits.limit.size):
         c = hot_corner(corners, limits.limit, temperature, i)

@@ -240,7 +240,7 @@ def hottest(temperature: Floats) -> float:
 def radiated(
     emission: Floats, x: Floats, corners: Indices, patch: Patch, temperature: Floats, background: float
 ) -> float:
-    """Net power in W that the sail emits."""
+    """Net power in W that the sail emits at temperatures (n,) in K."""
     power, begin = 0.0, 0
     while begin < emission.size:
         n, share = _emitting(emission, x, corners, patch, begin)

@@ -19,7 +19,7 @@ _PATIENCE = 200_000
 
 @numba.njit(cache=True)
 def wait(board: Integers, place: int, value: int) -> None:
-    """Until an entry of the board is at least `value`."""
+    """Until an entry of the board (places,) is at least `value`."""
     looks = 0
     while look(board, place) < value:
         looks += 1
@@ -29,14 +29,14 @@ def wait(board: Integers, place: int, value: int) -> None:
 
 @numba.njit(cache=True)
 def hand_out(board: Integers, task: int) -> None:
-    """Let the other threads begin with a task."""
+    """Let the other threads begin with a task, by the board (places,)."""
     board[TASK] = task
     add(board, TICKET, 1)
 
 
 @numba.njit(cache=True)
 def collect(board: Integers, others: int) -> None:
-    """Until the others are done with all work handed out so far."""
+    """Until the others are done with all work handed out so far, as the board (places,) says."""
     wait(board, DONE, board[TICKET] * others)
 
 

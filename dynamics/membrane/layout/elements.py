@@ -23,7 +23,7 @@ Three = tuple[Floats, Floats, Floats]
 
 @numba.njit(cache=True, inline="always")
 def apart(rows: Floats) -> Three:
-    """The rows of an array (3, ·)."""
+    """The rows of an array (3, n)."""
     return rows[0], rows[1], rows[2]
 
 
@@ -115,7 +115,7 @@ def push(
 def stretch(
     o: int, n: int, ahead: int, x: Three, stiffness: Floats, free: Floats, stretch: Floats, out: Three
 ) -> int:
-    """Force k (ℓ − L) d/ℓ of springs o … o + n on their first end; how many are longer than allowed, or not finite."""
+    """Force k (ℓ − L) d/ℓ (n,) of springs from o on, on their first end; how many are too long, or not finite."""
     x0, x1, x2 = x
     a0, a1, a2 = out
     bad = 0
@@ -138,7 +138,7 @@ def put_corners(n: int, i: int, a: Floats, j: int, b: Floats, k: int, c: Floats,
 
 @streams()
 def add_corners(n: int, i: int, a: Floats, j: int, b: Floats, k: int, c: Floats, out: Floats) -> None:
-    """Add the same of one more family."""
+    """Add the same of one more family: values (m,) each, from place i, j, k on."""
     for m in range(n):
         out[m] += a[i + m] + b[j + m] + c[k + m]
 

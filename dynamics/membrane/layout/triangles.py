@@ -65,7 +65,7 @@ def weighted_areas(e: Floats, weight: Floats, out: Floats) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def total(values: Floats, size: int) -> float:
-    """Sum of the first `size` values, in four chains of fixed order (in one chain each addition waits for the last)."""
+    """Sum of the first `size` of values (n,), in four chains of fixed order (in one, each waits for the last)."""
     s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
     whole = size - size % 4
     for i in range(0, whole, 4):

@@ -108,7 +108,7 @@ class _Grid:
             self._group[f"CellData/{name}"] = values
 
     def append(self, name: str, values: NDArray[Any]) -> None:
-        """Rows at the end of a dataset, one chunk a call."""
+        """Rows (k, ...) at the end of a dataset, one chunk a call."""
         if name not in self._group:
             shape = values.shape[1:]
             self._group.create_dataset(
@@ -165,7 +165,7 @@ def write_flight(
     path: str | Path, mesh: Mesh, frames: Iterable[Frame], columns: Mapping[str, tuple[Floats, str]],
     attributes: Mapping[str, Any], size: int = 0,
 ) -> None:
-    """Write a flight atomically: snapshots, columns with their units, and attributes of /series (the end reason, …).
+    """Write a flight atomically: snapshots, columns (rows, ...) with units, attributes of /series (end reason, …).
 
     slack_area is the largest share of the sail's area that is slack in a snapshot from the release on.
     size: bytes of frames and columns. OSError if they, with a margin, do not fit on the disk.

@@ -30,7 +30,7 @@ UNREADABLE = (ValueError, TypeError, OSError, zipfile.BadZipFile, KeyError, EOFE
 
 
 def leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
-    """Names and arrays of nested named tuples, in order."""
+    """Names and arrays (...) of nested named tuples, in order."""
     for name, value in zip(tree._fields, tree, strict=True):
         if isinstance(value, tuple):
             yield from leaves(value, f"{prefix}{name}.")

@@ -93,7 +93,7 @@ def write_row(model: Model, state: State, work: WorkSpace, n: int, row: Floats) 
 def write_due(
     model: Model, state: State, work: WorkSpace, n: int, fresh: bool, rows: Floats, written: int
 ) -> tuple[int, int]:
-    """A row about the state at step n after the `written` ones, if one is due; (failure code, rows written).
+    """A row of rows (k, WIDTH) about the state at step n, if one is due; (failure code, rows written).
 
     At the release it is due once: `fresh`, with the light on.
     """
@@ -105,7 +105,7 @@ def write_due(
 
 @numba.njit(cache=True, error_model="numpy")
 def write_last(model: Model, state: State, work: WorkSpace, n: int, code: int, rows: Floats, written: int) -> int:
-    """Rows written, with one about the state that failed at step n, unless it has one or its numbers failed."""
+    """Rows of (k, WIDTH) written, with one about the state that failed at step n, unless it has one or is no number."""
     if code in (failure.INTACT, failure.FLY_AWAY, failure.BROKEN, failure.NON_FINITE):
         return written
     return written + (write_row(model, state, work, n, rows[written]) != failure.NON_FINITE)

@@ -95,7 +95,7 @@ def _fastest(membrane: csr_matrix, masses: Floats) -> float:
 
 
 def corotating(scene: Scene, mesh: Mesh, masses: Floats, dt: float) -> Corotating:
-    """The scheme's matrices, factorised, for steps of dt in s, and how its spin-up is flown."""
+    """The scheme's matrices, factorised, for steps of dt in s and masses (n,) in kg, and how its spin-up is flown."""
     n, points = masses.size, mesh.nodes[:, :2]
     angle = dt * 2.0 * math.pi * scene.release.spin_Hz
     plane = (3 * np.arange(n)[:, None] + [0, 1]).ravel()

@@ -12,7 +12,7 @@ SEMI_IMPLICIT_EULER, VERLET, RK4 = range(3)
 
 @numba.njit(cache=True, error_model="numpy")
 def axpy(y: Floats, factor: float, slope: Floats, out: Floats) -> None:
-    """Write y + factor · slope into out, for contiguous arrays of one shape."""
+    """Write y + factor · slope into out, for contiguous arrays of one shape (...)."""
     a, b, c = y.reshape(-1), slope.reshape(-1), out.reshape(-1)
     for i in range(a.size):
         c[i] = a[i] + factor * b[i]
@@ -20,7 +20,7 @@ def axpy(y: Floats, factor: float, slope: Floats, out: Floats) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def copy(source: Floats, out: Floats) -> None:
-    """Copy contiguous arrays of one shape; a plain loop compiles in a tenth of the time of a slice assignment."""
+    """Copy contiguous arrays of one shape (...); a plain loop compiles in a tenth of the time of a slice assignment."""
     a, b = source.reshape(-1), out.reshape(-1)
     for i in range(a.size):
         b[i] = a[i]
@@ -28,7 +28,7 @@ def copy(source: Floats, out: Floats) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def accumulate(out: Floats, factor: float, slope: Floats) -> None:
-    """Add factor · slope to out, contiguous arrays of one shape."""
+    """Add factor · slope to out, contiguous arrays of one shape (...)."""
     a, b = out.reshape(-1), slope.reshape(-1)
     for i in range(a.size):
         a[i] += factor * b[i]
@@ -84,7 +84,10 @@ def _rk4_heat(dt: float, rate: Floats, state: State, s: Stage, k: int) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def advance(integrator: int, dt: float, acceleration: Floats, state: State, stage: Stage, k: int) -> float:
-    """Go to the place of evaluation k of a step. Returns the time in s over which the present forces act."""
+    """Go to the place of evaluation k of a step, with acceleration (3, n) in m/s².
+
+    Returns the time in s over which the present forces act.
+    """
     if integrator == RK4:
         _rk4(dt, acceleration, state, stage, k)
         return dt / 6.0 if k in (0, 3) else dt / 3.0
@@ -99,7 +102,7 @@ def advance(integrator: int, dt: float, acceleration: Floats, state: State, stag
 def advance_heat(
     integrator: int, dt: float, every: int, rate: Floats, state: State, stage: Stage, n: int, k: int
 ) -> tuple[bool, bool]:
-    """The same for the temperatures. Returns whether they have changed, and whether their rate is due."""
+    """The same for the temperatures, with their rate (n,) in K/s. Returns whether they changed, and if it is due."""
     if integrator == RK4 and every == 1:
         _rk4_heat(dt, rate, state, stage, k)
         return True, True

@@ -52,7 +52,7 @@ def _light_up(model: Model, work: WorkSpace, x: Floats, v: Floats, temperature: 
 
 @standalone()
 def warm_up(model: Model, work: WorkSpace, x: Floats, temperature: Floats, t: float, whole: bool) -> int:
-    """Free lengths at new temperatures; INTACT, THERMAL or NON_FINITE. What fails is tested after `whole` steps."""
+    """Free lengths at new temperatures (n,); INTACT, THERMAL or NON_FINITE. Failure is tested after `whole` steps."""
     composition.lengthen(model, work, temperature)
     if not whole:
         return failure.INTACT
@@ -189,7 +189,7 @@ def step(model: Model, state: State, work: WorkSpace, n: int, fresh: bool, most:
 def run(
     model: Model, state: State, work: WorkSpace, n: int, stop: int, fresh: bool, rows: Floats
 ) -> tuple[int, int, int]:
-    """Steps from n to `stop`, with a row (·, WIDTH) every series_every steps, at t = 0, at the end and where it fails.
+    """Steps from n to `stop`; rows (k, WIDTH): one every series_every steps, at t = 0, at the end and where it fails.
 
     fresh: the state at n did not come from a step (the start, or after the release). Returns (failure code, step
     reached, rows written). With a code other than INTACT the state is the one in which it was found. Where the work

@@ -81,7 +81,7 @@ def respond_all(
 
 @numba.njit(cache=True)
 def dismiss(board: Integers) -> None:
-    """Let the other threads go."""
+    """Let the other threads go, by the board (places,)."""
     hand_out(board, LEAVE)
 
 
@@ -89,7 +89,10 @@ def dismiss(board: Integers) -> None:
 def assist(
     layout: Stencil, work: StencilWork, light: LightPressure, lit: HeldLight, ahead: Floats, gone: Integers, thread: int
 ) -> None:
-    """What a thread other than the first does from the start of `step.run` to its end; the board must be empty."""
+    """What a thread other than the first does from the start of `step.run` to its end; the board must be empty.
+
+    ahead (3,): of the light's time; gone (triangles,): which have failed.
+    """
     scratch, ticket = work.scratch, 0
     board, orders, threads = scratch.board, scratch.orders, scratch.bad.size
     while True:
