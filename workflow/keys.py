@@ -51,6 +51,13 @@ def _flat(value: Any) -> list[str]:
     return [str(value)] if isinstance(value, str | Path) else [path for part in value for path in _flat(part)]
 
 
+def _named_files(data: Any) -> list[str]:
+    """Files that scenes and cells name under `file`: measured beams, refractive indices."""
+    parts = data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()
+    own = [data["file"]] if isinstance(data, dict) and isinstance(data.get("file"), str) else []
+    return own + [name for part in parts for name in _named_files(part)]
+
+
 class Keys:
     """Keys of all jobs of a workflow, and which of their results are current.
 
@@ -224,7 +231,8 @@ class Keys:
         if path in self._read:
             return digest_of(self._read[path].model_dump(mode="json"))
         if Path(path).suffix in (".yaml", ".yml") and Path(path).is_file():
-            return digest_of(json.loads(json.dumps(self.checked(load_yaml, path), default=str)))
+            data = json.loads(json.dumps(self.checked(load_yaml, path), default=str))
+            return digest_of([data, *(digest_of_file(Path(name)) for name in _named_files(data))])
         return digest_of_file(Path(path))
 
     def current(self, rule: Rule, wildcards: dict[str, str]) -> bool:

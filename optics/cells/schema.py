@@ -5,12 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
-from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    ValidationInfo,
+    model_serializer,
+    model_validator,
+)
 
 from beamrider.io.files import DIMENSIONLESS, InputError, Name, Pair, Strict, read_mapping, validate
-from beamrider.io.wording import brief
+from beamrider.io.wording import brief, describe
 from optics.cells.cross_section import cross_section
+from optics.cells.dispersion import Dispersion, material, of_file, of_rows, of_sellmeier
 
 ElectricAxis = Literal["g", "r"]
 
@@ -31,6 +39,13 @@ class Index(Strict):
     """Real part."""
     k: Extinction = 0.0
     """Imaginary part, the extinction."""
+    source: Annotated[str, Field(max_length=400)] = ""
+    """Where a dispersive index comes from, and its range; found where it is not given."""
+
+    @model_serializer(mode="wrap")
+    def _as_given(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        found: dict[str, Any] = handler(self)
+        return found if self.source else {"n": found["n"], "k": found["k"]}
 
     @property
     def permittivity(self) -> complex:
@@ -38,34 +53,95 @@ class Index(Strict):
         return complex(self.n, self.k) ** 2
 
 
-class DispersiveIndex(Strict):
+class _Dispersive(Strict):
     """A refractive index that changes with the wavelength; files may give it wherever they give an index."""
+
+    k: Extinction | None = None
+    """Imaginary part at all wavelengths, in place of what the source holds."""
+
+
+class TableIndex(_Dispersive):
+    """An index from rows, monotone cubics in between; the cell's wavelength must lie within."""
 
     table: Annotated[
         list[Annotated[tuple[Wavelength, Refraction, Extinction], Field(strict=False)]],  # YAML knows lists alone
         Field(min_length=2, json_schema_extra={"unit": "nm, 1, 1"}),
     ]
-    """Rows [wavelength in nm, n, k] of ascending wavelengths, linear in between; the cell's own must lie within."""
+    """Rows [wavelength in nm, n, k] of ascending wavelengths."""
+
+
+class SellmeierIndex(_Dispersive):
+    """An index by n² = 1 + Σ B λ²/(λ² − λ₀²)."""
+
+    sellmeier: Annotated[list[Pair], Field(min_length=1, max_length=15, json_schema_extra={"unit": "1, µm"})]
+    """Terms [B, λ₀ in µm]."""
+    range_nm: Pair
+    """Wavelengths between which they hold."""
+
+
+class FileIndex(_Dispersive):
+    """An index from a file of refractiveindex.info: a YAML record, or a CSV export."""
+
+    file: Annotated[str, Field(min_length=1, max_length=200)]
+    """Its path, below the folder where the command runs."""
+
+
+class MaterialIndex(_Dispersive):
+    """The index of a built-in material, Si3N4, SiO2, Si or MoS2: see optics/materials."""
+
+    material: Annotated[str, Field(min_length=1, max_length=40)]
+    """Its name."""
+
+
+_DISPERSIVE: dict[str, type[_Dispersive]] = {
+    "table": TableIndex, "sellmeier": SellmeierIndex, "file": FileIndex, "material": MaterialIndex,
+}
+_ROWS = "table: must be two or more rows [wavelength_nm, n, k] with ascending wavelengths"
 
 
 def _at_wavelength(given: Any, info: ValidationInfo) -> Any:
-    """An index as it is; of a table in a file (`read_cell`) n and k at the cell's wavelength, or ValueError."""
-    if info.context is None or not isinstance(given, dict) or set(given) != {"table"}:
+    """An index as it is; a dispersive one in a file (`read_cell`) at the cell's wavelength, or ValueError."""
+    if info.context is None or not isinstance(given, dict):
         return given
-    wavelength = info.context["wavelength_nm"]
+    kinds = [key for key in _DISPERSIVE if key in given]
+    if not kinds:
+        return given
+    if len(kinds) > 1:
+        raise ValueError(f"{kinds[0]}, {kinds[1]}: must be one of them")
     try:
-        rows = np.array(DispersiveIndex.model_validate(given).table)
-    except ValidationError:
-        rows = np.empty((0, 3))
-    if len(rows) < 2 or np.any(np.diff(rows[:, 0]) <= 0):
-        raise ValueError("table: must be two or more rows [wavelength_nm, n, k] with ascending wavelengths")
-    if not isinstance(wavelength, int | float) or not rows[0, 0] <= wavelength <= rows[-1, 0]:
-        raise ValueError(f"table: wavelength_nm = {wavelength}: must be within {rows[0, 0]:g} … {rows[-1, 0]:g}")
-    n, k = (float(np.interp(wavelength, rows[:, 0], column)) for column in rows.T[1:])
-    return {"n": n, "k": k}
+        model = _DISPERSIVE[kinds[0]].model_validate(given)
+    except ValidationError as error:
+        said = describe(error.errors(include_url=False), given, _DISPERSIVE[kinds[0]])
+        raise ValueError(_ROWS if said.startswith("table") else said) from None
+    wavelength = info.context["wavelength_nm"]
+    if not isinstance(wavelength, int | float) or isinstance(wavelength, bool):
+        raise ValueError(f"{kinds[0]}: needs wavelength_nm, a number")
+    curve = _curve(model)
+    try:
+        n, k = curve.at(float(wavelength))
+    except ValueError as refusal:
+        raise ValueError(f"{kinds[0]}: {refusal}") from None
+    return {"n": n, "k": k if model.k is None else model.k, "source": curve.told}
 
 
-FileIndex = Annotated[Index, BeforeValidator(_at_wavelength, json_schema_input_type=Index | DispersiveIndex)]
+def _curve(model: _Dispersive) -> Dispersion:
+    """The curve that a dispersive index names; ValueError says what is wrong with it."""
+    if isinstance(model, TableIndex):
+        try:
+            return of_rows(model.table, "the table")
+        except ValueError:
+            raise ValueError(_ROWS) from None
+    if isinstance(model, SellmeierIndex):
+        return of_sellmeier(model.sellmeier, model.range_nm, "sellmeier")
+    return of_file(model.file) if isinstance(model, FileIndex) else material(model.material)  # type: ignore[attr-defined]
+
+
+GivenIndex = Annotated[
+    Index,
+    BeforeValidator(
+        _at_wavelength, json_schema_input_type=Index | TableIndex | SellmeierIndex | FileIndex | MaterialIndex
+    ),
+]
 
 
 class Surroundings(Strict):
@@ -114,7 +190,7 @@ class Metagrating(_Periodic):
     """Height of the ridges above the membrane."""
     membrane_nm: Thickness
     """Thickness of the membrane below them."""
-    index: FileIndex
+    index: GivenIndex
     """Refractive index of ridges and membrane."""
     surroundings: Surroundings = Surroundings()
     """What lies in front of the cell and behind it."""
@@ -182,7 +258,7 @@ class Layer(Strict):
 
     thickness_nm: Thickness
     """Thickness."""
-    index: FileIndex
+    index: GivenIndex
     """Refractive index."""
     coherent: bool = True
     """False averages its fringes, as for a layer that is uneven, or light less coherent, by a wavelength."""
@@ -219,7 +295,7 @@ class Ridge(Strict):
     """Where it starts along +g."""
     width_nm: Length
     """Its width."""
-    index: FileIndex
+    index: GivenIndex
     """Its refractive index."""
 
 
@@ -228,7 +304,7 @@ class LamellarLayer(Strict):
 
     thickness_nm: Thickness
     """Thickness."""
-    index: FileIndex
+    index: GivenIndex
     """Refractive index beside the ridges."""
     ridges: list[Ridge] = []
     """Ridges, along +g."""
@@ -286,7 +362,7 @@ def as_stack(cell: Metagrating | LamellarStack) -> LamellarStack:
 class Polygon(Strict):
     """A polygon of one material."""
 
-    index: FileIndex
+    index: GivenIndex
     """Refractive index within."""
     vertices_nm: Annotated[list[Pair], Field(min_length=3)]
     """Vertices [g, n], either way round."""
@@ -346,7 +422,7 @@ def read_cell(path: str | Path, wavelength_nm: float | None = None) -> Cell:
     """The cell described by a YAML file; InputError names the file, the field and what is allowed.
 
     `wavelength_nm` replaces the file's own wavelength, as for a sail that moves away from its laser. An index may be
-    dispersive: `index: {table: [[wavelength_nm, n, k], ...]}`, interpolated linearly.
+    dispersive: rows, Sellmeier terms, a file, or a built-in material (see `optics.cells.dispersion`).
     """
     data = read_mapping(path)
     kind = data.get("kind")

@@ -23,6 +23,8 @@ from workflow import shared
 
 ROOT = Path(__file__).parents[2]
 TABLE, OTHER = "results/tables/si43/thin_film.h5", "results/tables/thick/thin_film.h5"
+UNNAMED = "results/tables/unnamed/thin_film.h5"
+INDEX = "workflow/indices/silicon.csv"
 STABLE, CALLED = "results/scenes/own/floquet.json", "results/scenes/own/plan.json"
 TARGETS = (TABLE, OTHER, STABLE, CALLED, "results/figures/multipliers.png", "results/contents.sha256")
 #: What hangs on the table of a film: `thick` flies nowhere.
@@ -42,8 +44,11 @@ def copy(folder: Path) -> Path:
     scene["name"] = "own"
     write(folder / "workflow/scenes/own.yaml", scene)
     film = load_yaml(ROOT / "workflow/designs/si43.yaml")
-    film |= {"name": "thick", "layers": [{**film["layers"][0], "thickness_nm": 50}]}
-    write(folder / "workflow/designs/thick.yaml", film)
+    (folder / INDEX).parent.mkdir()
+    (folder / INDEX).write_text("wl,n\n1.0,3.6\n2.0,3.5\n", encoding="utf-8")
+    for name in ("thick", "unnamed"):
+        layer = {**film["layers"][0], "thickness_nm": 50, "index": {"file": INDEX}}
+        write(folder / f"workflow/designs/{name}.yaml", film | {"name": name, "layers": [layer]})
     config = load_yaml(ROOT / "workflow/config.yaml") | {
         "designs": ["si43", "thick"], "fdtd": False, "fdtd_designs": [], "floquet": ["own"], "rigid": [],
         "maps": [], "flight": [], "basins": [],
@@ -144,6 +149,13 @@ def test_a_changed_cell_makes_its_table_and_what_follows(done, change):
 def test_a_cell_that_nothing_flies_on_makes_its_table_alone(done, change):
     change("workflow/designs/thick.yaml", lambda text: text.replace(b"thickness_nm: 50", b"thickness_nm: 51"))
     assert jobs(done) == {"thin_film_table": 1}
+
+
+def test_a_file_that_a_cell_names_makes_its_table_anew(done, change):
+    snakemake(done, "--", UNNAMED)  # of a cell that the configuration doesn't name
+    assert jobs(done, UNNAMED) == {}
+    change(INDEX, lambda text: text.replace(b"3.5", b"3.4"))
+    assert jobs(done) == jobs(done, UNNAMED) == {"thin_film_table": 1}
 
 
 @pytest.mark.parametrize("spoil", [None, lambda x: x[: len(x) // 2], lambda x: x[:99] + bytes([x[99] ^ 1]) + x[100:]])

@@ -69,7 +69,7 @@ def test_a_dispersive_index_is_taken_at_the_wavelength(tmp_path, te):
     assert read_cell(path).index.n == pytest.approx(2.036)
     moved = read_cell(path, wavelength_nm=1050.0)
     assert (moved.index.n, moved.index.k, moved.wavelength_nm) == pytest.approx((2.05, 5e-7, 1050.0))
-    with pytest.raises(InputError, match=r"index.table: wavelength_nm = 900.0: must be within 1000 … 1100"):
+    with pytest.raises(InputError, match=r"index.table: wavelength_nm = 900: must be within 1000 … 1100"):
         read_cell(path, wavelength_nm=900.0)
 
 
