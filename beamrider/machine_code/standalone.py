@@ -21,8 +21,8 @@ from numba.core.registry import CPUDispatcher
 _PREFIX = "beamrider.standalone."
 _NAME = re.compile(re.escape(_PREFIX).encode() + rb"[0-9a-f]{32}")
 
-#: Where a function comes from: module, name there, types of the arguments.
-Origin = tuple[str, str, tuple[Any, ...]]
+#: Where a function comes from: module, name there, types of the arguments, name for the linker.
+Origin = tuple[str, str, tuple[Any, ...], str]
 _offered: dict[str, Origin] = {}
 
 
@@ -42,16 +42,17 @@ class Standalone(CPUDispatcher):
 
 def _offer(function: Standalone, types: tuple[Any, ...], entry: Any) -> None:
     """Tell the linker the function's address, and callers its name alone."""
-    origin = function.py_func.__module__, function.py_func.__qualname__, types
-    name = _PREFIX + hashlib.sha256(repr((origin[:2], str(types))).encode()).hexdigest()[:32]
-    found = function.overloads[types]
+    found, where = function.overloads[types], (function.py_func.__module__, function.py_func.__qualname__)
+    # With what is returned: code of callers from before that changed must not reach it.
+    text = repr((where, str(types), str(found.signature.return_type)))
+    name = _PREFIX + hashlib.sha256(text.encode()).hexdigest()[:32]
     address = found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
     llvmlite.binding.add_symbol(name, address)
     called = copy.copy(found.fndesc)
     called.mangled_name = name
     function.targetctx.remove_user_function(entry)
     function.targetctx.insert_user_function(entry, called, [])
-    _offered[name] = origin
+    _offered[name] = *where, types, name
 
 
 def standalone(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -73,10 +74,12 @@ def called_by(code: Any) -> list[Origin]:
 
 
 def bring(origins: list[Origin]) -> bool:
-    """Have these functions at hand; False where one is no longer there, or no longer stands by itself."""
-    for module, name, types in origins:
+    """Have these functions at hand; False where one is gone, stands no longer by itself, or returns another type."""
+    for module, name, types, called in origins:
         function = getattr(importlib.import_module(module), name, None)
         if not isinstance(function, Standalone):
             return False
         function.compile(types)
+        if called not in _offered:
+            return False
     return True

@@ -44,14 +44,39 @@ with event.install_recorder("numba:compile") as compiled:
 names = {data["dispatcher"].py_func.__name__ for _, data in ((time, found.data) for time, found in compiled.buffer)}
 print(*sorted(names & {"outer", "between", "scaled"}))
 """
+#: A caller whose own text stays, and two of what it calls, which return a float and an integer.
+CALLER = """
+import numba
+from shared import scaled
+
+@numba.njit(cache=True, error_model="numpy")
+def outer(a, k):
+    return 1.0 * scaled(a, k)
+"""
+SHARED = """
+import numpy as np
+from beamrider.machine_code.standalone import standalone
+
+@standalone()
+def scaled(a, k):
+    return RETURNED
+"""
+RUN_CALLER = """
+import numpy as np
+import optics
+import kernels
+
+print(kernels.outer(np.ones(3), 2))
+"""
 SAID = ["14.0 (6.0, True)", "negative"]
 
 
-def run(folder: Path) -> list[str]:
-    """What a new process says, and which functions it compiled."""
-    (folder / "kernels.py").write_text(SOURCE)
+def run(folder: Path, source: str = SOURCE, program: str = RUN) -> list[str]:
+    """What a new process says."""
+    if not (folder / "kernels.py").exists():
+        (folder / "kernels.py").write_text(source)
     given = os.environ | {"NUMBA_CACHE_DIR": str(folder / "code"), "PYTHONPATH": f"{ROOT}:{folder}"}
-    done = subprocess.run([sys.executable, "-B", "-c", RUN], env=given, capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-B", "-c", program], env=given, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
 
@@ -90,7 +115,16 @@ def test_the_code_of_callers_holds_the_name_alone(kernels):
 
 
 def test_a_function_that_is_gone_is_not_reached_by_old_code(kernels):
-    types = kernels.scaled.overloads
-    assert standalone.bring([("kernels_here", "scaled", key) for key in types])
-    assert not standalone.bring([("kernels_here", "scaled_once", key) for key in types])
-    assert not standalone.bring([("kernels_here", "between", key) for key in types])
+    (origin,) = standalone.called_by(kernels.outer.inspect_asm(kernels.outer.signatures[0]))
+    assert origin[:2] == ("kernels_here", "scaled")
+    assert standalone.bring([origin])
+    assert not standalone.bring([("kernels_here", "scaled_once", *origin[2:])])
+    assert not standalone.bring([("kernels_here", "between", *origin[2:])])
+    assert not standalone.bring([(*origin[:3], "that of another type")])
+
+
+def test_callers_of_one_that_returns_another_type_are_compiled_again(tmp_path: Path):
+    """Their own source, and the types of its arguments, are what they were."""
+    for returned in ("k * a.sum()", "np.int64(k * a.sum())"):
+        (tmp_path / "shared.py").write_text(SHARED.replace("RETURNED", returned))
+        assert run(tmp_path, CALLER, RUN_CALLER) == ["6.0"]
