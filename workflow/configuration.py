@@ -46,7 +46,7 @@ class Grid(Strict):
 
 
 class Config(Strict):
-    """What `snakemake` makes, in `workflow/config.yaml`; every key is needed."""
+    """What `snakemake` makes, in `workflow/config.yaml`; every key but `way` is needed."""
 
     designs: list[Name]
     """Tables made in any case, and families that are screened; scenes add the designs they fly."""
@@ -79,6 +79,8 @@ class Config(Strict):
     """Scenes that are flown flexible."""
     basins: list[Name]
     """Scenes whose basins `snakemake basins` maps, with either incidence."""
+    way: list[Name] = []
+    """Scenes whose stability on the way to 0.2 c `snakemake way` follows."""
 
 
 def meep_installed() -> bool:

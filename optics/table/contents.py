@@ -97,7 +97,7 @@ def contents(data: xr.Dataset) -> dict[str, Any]:
             raise TypeError(f"{wrong[0]} must hold real numbers")
         return [np.asarray(data[name].values, float) for name in names]
 
-    attrs = {key: _decode(value) for key, value in data.attrs.items() if key not in ("schema", "digest", NAME)}
+    attrs = {key: decode(value) for key, value in data.attrs.items() if key not in ("schema", "digest", NAME)}
     mirror_v, axisymmetric = (bool(int(attrs.pop(name))) for name in ("mirror_v", "axisymmetric"))
     pair = ("q_stokes", "absorptance_stokes")
     stokes: list[Any] = numbers(*pair) if any(name in data for name in pair) else [None, None]
@@ -129,7 +129,8 @@ def encode(value: Any) -> Any:
     return value if isinstance(value, str | int | float) else json.dumps(value)
 
 
-def _decode(value: Any) -> Any:
+def decode(value: Any) -> Any:
+    """The same, to what they were."""
     if isinstance(value, str) and value[:1] in ("{", "["):
         return json.loads(value)
     return value.item() if isinstance(value, np.generic) else value

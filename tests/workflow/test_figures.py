@@ -178,6 +178,21 @@ def basins(results) -> list[Path]:
     return paths
 
 
+def test_the_way(drawn, tmp_path):
+    place = {"wavelength_m": 1e-6, "margin_range_1_s": [0.5, 1.5], "growth_1_s": 0.0, "verdict": "marginally_stable",
+             "exponents_1_s": [[0.0, 700.0], [0.0, -700.0]], "time_s": 0.0, "log_growth": 0.0}
+    lost = place | {"margin_range_1_s": [-2.5, -1.5], "verdict": "unstable", "exponents_1_s": [[2.0, 700.0]] * 2}
+    found = {
+        "scene": "own", "spin_Hz": -120.0, "beta_max": 0.2, "changes": [[0.09, 0.1]], "stable_at_start": True,
+        "lost_at_beta": 0.1, "way": [place | {"beta": 0.0, "margin_1_s": 1.0},
+                                     lost | {"beta": 0.2, "margin_1_s": -2.0, "time_s": 9e3, "log_growth": 50.0}],
+    }
+    write_json(tmp_path / "way.json", found)
+    text = drawn("way", "--way", tmp_path / "way.json")
+    assert "lost at 0.1000 c: grown tenfold" in text
+    assert "margin, −growth (1/s)" in text
+
+
 def test_basins_side_by_side(drawn, basins):
     text = drawn("basin", "--maps", *basins)
     assert text.count("100 % bounded") == 2
