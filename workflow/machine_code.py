@@ -63,7 +63,7 @@ def main() -> None:
     parser.add_argument("--out", required=True, help="text file to write, which names what was compiled")
     given = parser.parse_args()
     check_out(given.out)
-    with compiling("3 min"):
+    with compiling("1 min"):
         compile_all(read_scene(SCENE))
     with atomic(given.out) as temporary:
         Path(temporary).write_text(f"{digest()}\n", encoding="utf-8")

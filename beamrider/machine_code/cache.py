@@ -19,7 +19,7 @@ from typing import Any
 
 from numba.core import caching, config
 
-from beamrider.machine_code import standalone
+from beamrider.machine_code import entrances, standalone
 
 ROOT = Path(__file__).resolve().parents[2]
 VARIABLE = "NUMBA_CACHE_DIR"
@@ -37,10 +37,12 @@ class Checked(caching.IndexDataCacheFile):
     def save(self, key: Any, data: Any) -> None:
         """Keep `data`, or not where the disk is full."""
         with contextlib.suppress(OSError):
+            key = (key, entrances.inside())
             super().save(key, (key, data, standalone.called_by(data)))
 
     def load(self, key: Any) -> Any:
         """What was kept under `key`, whole, or None."""
+        key = (key, entrances.inside())
         found = super().load(key)
         return found[1] if found and found[0] == key and standalone.bring(found[2]) else None
 
@@ -122,5 +124,6 @@ def use_cache(root: Path = ROOT) -> None:
         raise SystemExit(2)
     os.environ[VARIABLE] = config.CACHE_DIR = str(folder)
     caching.IndexDataCacheFile = Checked
+    entrances.close()
     if Resolved not in caching.CacheImpl._locator_classes:
         caching.CacheImpl._locator_classes.insert(0, Resolved)

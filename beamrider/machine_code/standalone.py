@@ -18,6 +18,8 @@ import llvmlite.binding
 from numba.core import compiler_lock, serialize, sigutils
 from numba.core.registry import CPUDispatcher
 
+from beamrider.machine_code.entrances import for_compiled_code
+
 _PREFIX = "beamrider.standalone."
 _NAME = re.compile(re.escape(_PREFIX).encode() + rb"[0-9a-f]{32}")
 
@@ -33,9 +35,9 @@ class Standalone(CPUDispatcher):
         """Entry point for a signature, from the cache or compiled now; from then on its name is known to the linker."""
         with compiler_lock.global_compiler_lock:
             types = tuple(sigutils.normalize_signature(sig)[0])
-            known = types in self.overloads
+            before = self.overloads.get(types)
             entry = super().compile(sig)
-            if not known:
+            if self.overloads[types] is not before:
                 _offer(self, types, entry)
         return entry
 
@@ -79,7 +81,7 @@ def bring(origins: list[Origin]) -> bool:
         function = getattr(importlib.import_module(module), name, None)
         if not isinstance(function, Standalone):
             return False
-        function.compile(types)
+        for_compiled_code(function, types)
         if called not in _offered:
             return False
     return True

@@ -15,7 +15,8 @@ from numba.core.options import TargetOptions
 CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")
 
 #: Decorator of such loops.
-streams = partial(numba.njit, cache=True, error_model="numpy", noalias=True, forceinline=True)
-#: Decorator of what calls them row by row: views of arrays that live on anyway are not counted, which would take as
-#: long as the row itself.
-by_row = partial(numba.njit, cache=True, error_model="numpy", _nrt=False)
+streams = partial(numba.njit, cache=True, error_model="numpy", noalias=True, forceinline=True, _nrt=False)
+#: Decorator of what is handed many arrays that live on anyway, and makes none but views: references to them are not
+#: counted. Row by row that would take as long as the row itself, and of hundreds of arrays as long to compile as all
+#: that is done with them. What it calls and what returns an array must not count them either.
+uncounted = partial(numba.njit, cache=True, error_model="numpy", _nrt=False)

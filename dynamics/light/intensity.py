@@ -40,7 +40,7 @@ def decay(s: float) -> float:
     return p * float(np.int64((np.int64(k) + np.int64(1023)) << np.int64(52)).view(np.float64))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def ramp(t: float, delay: float, rise: float, on: float) -> float:
     """Share of the full intensity at time t in s: dark until `delay`, raised-cosine rise, 1 for `on`, equal fall."""
     s = t - delay
@@ -53,7 +53,7 @@ def ramp(t: float, delay: float, rise: float, on: float) -> float:
     return 0.5 * (1.0 + math.cos(math.pi * (s - rise - on) / rise))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def ramp_integral(t: float, delay: float, rise: float, on: float) -> float:
     """Time in s for which the full beam would have given the light that `ramp` has let through until t."""
     s = min(max(t - delay, 0.0), on + 2.0 * rise)
@@ -65,7 +65,7 @@ def ramp_integral(t: float, delay: float, rise: float, on: float) -> float:
     return 0.5 * rise + on + 0.5 * (late + rise / math.pi * math.sin(math.pi * late / rise))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def mean_ramp(begin: float, end: float, delay: float, rise: float, on: float) -> float:
     """Mean of `ramp` from `begin` to a later `end`, in s."""
     let_through = ramp_integral(end, delay, rise, on) - ramp_integral(begin, delay, rise, on)

@@ -43,7 +43,7 @@ def fly_to(out: Path, scene: Scene, tables: dict[str, PressureTable], threads: i
 
     What is kept of a flight under way lies beside `out`, from where it goes on.
     """
-    with compiling("2 min"):
+    with compiling("1 min"):
         forecast_fine(scene, lambda coarse, folder: Flight(coarse, tables, folder, threads), out)
         flight = Flight(scene, tables, out.with_name(out.name + ".partial"), threads)
         if flight.resume():

@@ -243,7 +243,7 @@ def main() -> None:
     else:
         block = part_of("--block", arguments.block)
         require_cells(grid.n_offsets * grid.n_tilts, block[1], arguments.grid or "--grid")
-        with compiling("1 min"):
+        with compiling("30 s"):
             basin = fly_cells(scene, tables, grid, block_cells(grid, block))
     write(arguments.out, basin, scene, tables, grid)
     bounded = int((basin.columns["end_code"] == kernel.FINISHED).sum())

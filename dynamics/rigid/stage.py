@@ -242,7 +242,7 @@ def main() -> None:
     scene = scenes.read_scene(arguments.scene)
     tables = load_tables(arguments.tables, scene)
     check_release(scene, tables)
-    with compiling("1 min"):
+    with compiling("30 s"):
         flight = fly(scene, tables)
     met = write(arguments.out, flight, scene, tables)
     place = f" ({flight.end_place})" if flight.end_place else ""

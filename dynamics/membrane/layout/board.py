@@ -17,7 +17,7 @@ BOARD, ORDERS = 24, 4
 _PATIENCE = 200_000
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def wait(board: Integers, place: int, value: int) -> None:
     """Until an entry of the board (places,) is at least `value`."""
     looks = 0
@@ -27,14 +27,14 @@ def wait(board: Integers, place: int, value: int) -> None:
             let_others()
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def hand_out(board: Integers, task: int) -> None:
     """Let the other threads begin with a task, by the board (places,)."""
     board[TASK] = task
     add(board, TICKET, 1)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def collect(board: Integers, others: int) -> None:
     """Until the others are done with all work handed out so far, as the board (places,) says."""
     wait(board, DONE, board[TICKET] * others)

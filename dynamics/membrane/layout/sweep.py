@@ -16,13 +16,13 @@ import numba
 
 from beamrider.arrays import Floats
 from beamrider.machine_code.standalone import standalone
-from beamrider.machine_code.streams import by_row
+from beamrider.machine_code.streams import uncounted
 from dynamics.membrane.layout import elements
 from dynamics.membrane.layout.elements import GUARD, apart
 from dynamics.membrane.layout.rows import Stencil, StencilWork, StepTimes
 
 
-@by_row(forceinline=True)
+@uncounted(forceinline=True)
 def _strain_row(
     stencil: Stencil, work: StencilWork, x: Floats, r: int, thread: int, level: int, share: float
 ) -> int:
@@ -47,7 +47,7 @@ def _strain_row(
     return bad
 
 
-@by_row(forceinline=True)
+@uncounted(forceinline=True)
 def _stretch_row(
     stencil: Stencil, work: StencilWork, x: Floats, r: int, thread: int, level: int, share: float
 ) -> int:
@@ -66,7 +66,7 @@ def _stretch_row(
     return bad
 
 
-@by_row(forceinline=True)
+@uncounted(forceinline=True)
 def _act(stencil: Stencil, work: StencilWork, x: Floats, r: int, thread: int, level: int, share: float) -> int:
     """What all elements that begin on row r do; how many may have failed."""
     if share > 0.0:
@@ -76,7 +76,7 @@ def _act(stencil: Stencil, work: StencilWork, x: Floats, r: int, thread: int, le
     return _strain_row(stencil, work, x, r, thread, level, share)
 
 
-@by_row(forceinline=True)
+@uncounted(forceinline=True)
 def _collect_corners(stencil: Stencil, work: StencilWork, r: int, thread: int, level: int, apart: int) -> None:
     """Force on the nodes of row r from their triangles; apart: 1 if corners carry forces of their own, else 0."""
     n, table = stencil.width[r], stencil.triangles
@@ -95,7 +95,7 @@ def _collect_corners(stencil: Stencil, work: StencilWork, r: int, thread: int, l
                 elements.add_corners(n, GUARD, here[c], i, one[c], j, two[c], force[c])
 
 
-@by_row(forceinline=True)
+@uncounted(forceinline=True)
 def _collect(stencil: Stencil, work: StencilWork, r: int, thread: int, level: int, lit: bool) -> None:
     """Force on the nodes of row r, from what begins there and on the row before."""
     if stencil.stiffness.size == 0:
@@ -113,7 +113,7 @@ def _collect(stencil: Stencil, work: StencilWork, r: int, thread: int, level: in
             elements.add_ends(n, here[c], table.begin[r, f, 0], there[c], force[c])
 
 
-@by_row(forceinline=True)
+@uncounted(forceinline=True)
 def _move(stencil: Stencil, work: StencilWork, r: int, thread: int, source: int, times: StepTimes) -> None:
     """What the forces do to the nodes of row r."""
     o, n, target, scratch = stencil.start[r], stencil.width[r], 1 - source, work.scratch
@@ -128,7 +128,7 @@ def _move(stencil: Stencil, work: StencilWork, r: int, thread: int, source: int,
             elements.accelerate(o, n, force[c], per_mass, v[target, c])
 
 
-@by_row(forceinline=True)
+@uncounted(forceinline=True)
 def _add_light(stencil: Stencil, work: StencilWork, r: int, thread: int, level: int) -> None:
     """The light's force on row r: three times its shares."""
     for c in range(3):
@@ -138,7 +138,7 @@ def _add_light(stencil: Stencil, work: StencilWork, r: int, thread: int, level: 
         work.scratch.sums[level, r, c] = 3.0 * (half + rest)
 
 
-@by_row(forceinline=True)
+@uncounted(forceinline=True)
 def _pass(
     stencil: Stencil, work: StencilWork, source: int, times: StepTimes, thread: int, level: int, r: int, ahead: int
 ) -> int:

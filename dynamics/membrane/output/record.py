@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from itertools import accumulate
 
-import numba
-
 from beamrider.arrays import Floats
 from beamrider.machine_code.standalone import standalone
-from beamrider.machine_code.streams import streams
+from beamrider.machine_code.streams import streams, uncounted
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects import failure, tearing
 from dynamics.membrane.effects.composition import columns_from, writing
@@ -33,7 +31,7 @@ TIME, POSITION, VELOCITY, IMPULSE, KINETIC, FIT, SPIN, INERTIA = (COLUMNS[name] 
 _write_effects = writing(sum(length for length, _ in MOTION.values()))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@uncounted()
 def centre(masses: Floats, values: Floats, out: Floats) -> None:
     """Out (3,) = mass-weighted mean of values (3, n)."""
     whole = total(masses, masses.size)
@@ -70,7 +68,7 @@ def motion(masses: Floats, rest: Floats, x: Floats, v: Floats, row: Floats) -> N
         row[KINETIC] += 0.5 * m * (v[0, i] * v[0, i] + v[1, i] * v[1, i] + v[2, i] * v[2, i])
 
 
-@standalone()
+@standalone(_nrt=False)
 def write_row(model: Model, state: State, work: WorkSpace, n: int, row: Floats) -> int:
     """One row (WIDTH,) about the state at step n; INTACT, FLY_AWAY, BROKEN or NON_FINITE."""
     for i in range(row.size):
@@ -89,7 +87,7 @@ def write_row(model: Model, state: State, work: WorkSpace, n: int, row: Floats) 
     return failure.FLY_AWAY if away > model.fly_away else failure.INTACT
 
 
-@numba.njit(cache=True, error_model="numpy")
+@uncounted()
 def write_due(
     model: Model, state: State, work: WorkSpace, n: int, fresh: bool, rows: Floats, written: int
 ) -> tuple[int, int]:
@@ -103,7 +101,7 @@ def write_due(
     return write_row(model, state, work, n, rows[written]), written + 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@uncounted()
 def write_last(model: Model, state: State, work: WorkSpace, n: int, code: int, rows: Floats, written: int) -> int:
     """Rows of (k, WIDTH) written, with one about the state that failed at step n, unless it has one or is no number."""
     if code in (failure.INTACT, failure.FLY_AWAY, failure.BROKEN, failure.NON_FINITE):

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import numba
-
 from beamrider.arrays import Floats
 from beamrider.machine_code.standalone import standalone
+from beamrider.machine_code.streams import uncounted
 from dynamics.light.aim import brightness
 from dynamics.light.intensity import ramp
 from dynamics.membrane.arrays import Model, WorkSpace
@@ -17,14 +16,14 @@ from dynamics.membrane.stepping.integrators import RK4, VERLET
 from dynamics.membrane.stepping.threads import sweep_all
 
 
-@numba.njit(cache=True, error_model="numpy")
+@uncounted()
 def gain_at(model: Model, t: float) -> float:
     """Share of the beam's full intensity at time t in s."""
     light = model.effects.light
     return ramp(t, light.delay, light.rise, light.on) * brightness(light.wander, t) if model.lit else 0.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@uncounted()
 def add_impulse(gain: float, force: Floats, time: float, impulse: Floats) -> None:
     """Add the impulse of the light's force (3,) over `time` in s."""
     if gain > 0.0:
@@ -32,13 +31,13 @@ def add_impulse(gain: float, force: Floats, time: float, impulse: Floats) -> Non
             impulse[c] += time * force[c]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@uncounted()
 def _left(count: int, every: int) -> int:
     """How many steps after `count` the next multiple of `every` comes."""
     return every - count % every
 
 
-@numba.njit(cache=True, error_model="numpy")
+@uncounted()
 def free_steps(model: Model, n: int, stop: int) -> int:
     """Steps from n to the next, not beyond `stop`, after which more than forces is due."""
     if n < model.effects.spin_up.steps or model.integrator == RK4 or acts_each_step(model):
@@ -49,7 +48,7 @@ def free_steps(model: Model, n: int, stop: int) -> int:
     return min(most, _left(n - model.release, model.effects.heat.every)) if model.warm else most
 
 
-@numba.njit(cache=True, error_model="numpy")
+@uncounted()
 def _steady(model: Model, work: WorkSpace, n: int, most: int) -> int:
     """At how many of so many steps from n on the light's ramp is as it was at the last evaluation."""
     for k in range(most if model.lit else 0):
@@ -58,7 +57,7 @@ def _steady(model: Model, work: WorkSpace, n: int, most: int) -> int:
     return most
 
 
-@numba.njit(cache=True, error_model="numpy")
+@uncounted()
 def _take_at_once(model: Model, state: State, work: WorkSpace, most: int, deepest: int) -> int:
     """At most so many whole steps on two copies of the nodes, up to `deepest` at once; how many.
 
@@ -87,7 +86,7 @@ def _take_at_once(model: Model, state: State, work: WorkSpace, most: int, deepes
     return done
 
 
-@standalone()
+@standalone(_nrt=False)
 def take_free_steps(model: Model, state: State, work: WorkSpace, n: int, most: int) -> int:
     """From nodes that have just moved to step n on: at most so many whole steps; how many.
 

@@ -7,11 +7,11 @@ and go on later to the same bits.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from beamrider.arrays import Floats
 from beamrider.machine_code.standalone import standalone
+from beamrider.machine_code.streams import uncounted
 from dynamics.light.aim import aim
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.effects import composition, failure, properties, sheet, tearing, thermal
@@ -25,7 +25,7 @@ from dynamics.membrane.stepping.integrators import RK4, VERLET, accumulate, adva
 from dynamics.membrane.stepping.threads import dismiss, respond_all, sweep_all
 
 
-@numba.njit(cache=True, error_model="numpy")
+@uncounted()
 def _light_up(model: Model, work: WorkSpace, x: Floats, v: Floats, temperature: Floats, t: float) -> int:
     """New coefficients of the light's forces at time t in s; INTACT or LEFT_TABLE.
 
@@ -50,7 +50,7 @@ def _light_up(model: Model, work: WorkSpace, x: Floats, v: Floats, temperature: 
     return failure.INTACT
 
 
-@standalone()
+@standalone(_nrt=False)
 def warm_up(model: Model, work: WorkSpace, x: Floats, temperature: Floats, t: float, whole: bool) -> int:
     """Free lengths at new temperatures (n,); INTACT, THERMAL or NON_FINITE. Failure is tested after `whole` steps."""
     composition.lengthen(model, work, temperature)
@@ -69,14 +69,14 @@ def warm_up(model: Model, work: WorkSpace, x: Floats, temperature: Floats, t: fl
     return code
 
 
-@numba.njit(cache=True, error_model="numpy")
+@uncounted()
 def lay_out(model: Model, work: WorkSpace) -> None:
     """To the stencil what triangles carry, which changes as they fail."""
     now = work.effects.sheet
     stiffen(model.stencil, model.effects.sheet.cotangent, now.modulus, now.shear, now.limit, work.stencil)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@uncounted()
 def _pull(model: Model, work: WorkSpace, x: Floats, t: float, gain: float) -> int:
     """Accelerations by elasticity and held light into work.stencil; INTACT, TENSILE or NON_FINITE."""
     still, own, now = StepTimes(False, 0.0, 0.0, 0.0, gain / 3.0), model.effects, work.effects
@@ -104,7 +104,7 @@ def _pull(model: Model, work: WorkSpace, x: Floats, t: float, gain: float) -> in
     return code
 
 
-@numba.njit(cache=True, error_model="numpy")
+@uncounted()
 def _finite(x: Floats) -> bool:
     """Is every number finite."""
     flat, largest = x.reshape(-1), 0.0
@@ -113,7 +113,7 @@ def _finite(x: Floats) -> bool:
     return largest < np.inf
 
 
-@standalone()
+@standalone(_nrt=False)
 def evaluate(
     model: Model, work: WorkSpace, x: Floats, v: Floats, temperature: Floats, t: float, gain: float, renew: bool,
     heating: bool,
@@ -143,7 +143,7 @@ def evaluate(
     return failure.INTACT
 
 
-@numba.njit(cache=True, error_model="numpy")
+@uncounted()
 def step(model: Model, state: State, work: WorkSpace, n: int, fresh: bool, most: int) -> tuple[int, int]:
     """From step n at most `most` steps on, or, if `fresh`, just the evaluation of a state that came from no step.
 
@@ -185,7 +185,7 @@ def step(model: Model, state: State, work: WorkSpace, n: int, fresh: bool, most:
     return failure.INTACT, now
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@uncounted(nogil=True)
 def run(
     model: Model, state: State, work: WorkSpace, n: int, stop: int, fresh: bool, rows: Floats
 ) -> tuple[int, int, int]:

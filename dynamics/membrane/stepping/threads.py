@@ -79,7 +79,7 @@ def respond_all(
     light_pressure.note(work, scratch.found, scratch.seen)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def dismiss(board: Integers) -> None:
     """Let the other threads go, by the board (places,)."""
     hand_out(board, LEAVE)

@@ -29,6 +29,7 @@ def copy(tmp_path: Path) -> Path:
     for name in (
         "optics/__init__.py", "beamrider/__init__.py", "beamrider/__init__.pyi", "beamrider/machine_code/__init__.py",
         "beamrider/machine_code/cache.py", "beamrider/machine_code/standalone.py",
+        "beamrider/machine_code/entrances.py",
     ):
         (root / name).write_bytes((compiled.ROOT / name).read_bytes())
     (root / "dynamics/__init__.py").write_text("")
@@ -37,9 +38,9 @@ def copy(tmp_path: Path) -> Path:
     return root
 
 
-def run(root: Path, **given: str) -> str:
-    """What the copy's caller gives for 1 and 0.5."""
-    command = [sys.executable, "-B", "-c", RUN]
+def run(root: Path, code: str = RUN, **given: str) -> str:
+    """What the copy's caller gives for 1 and 0.5, or what other code says."""
+    command = [sys.executable, "-B", "-c", code]
     done = subprocess.run(command, cwd=root, env=_environment(**given), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
@@ -75,6 +76,16 @@ def test_what_was_compiled_is_used_again(copy: Path):
     before = {path: path.stat().st_mtime_ns for path in files(copy)}
     run(copy)
     assert {path: path.stat().st_mtime_ns for path in files(copy)} == before
+
+
+def test_a_function_serves_compiled_code_and_python_in_any_order(copy: Path):
+    """Compiled for its caller alone it has no entrance from Python, and is kept so."""
+    called = "import optics; from optics.called import twice; print(twice(3))"
+    both = f"{called}; {RUN.removeprefix('import optics; ')}; print(twice(4))"
+    for _ in range(2):
+        assert run(copy) == "2 1.0"
+        assert run(copy, called) == "6"
+        assert run(copy, both) == "6\n2 1.0\n8"
 
 
 DAMAGE = {

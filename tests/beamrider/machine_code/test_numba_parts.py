@@ -10,7 +10,7 @@ import pytest
 from numba.core import caching, event
 
 from beamrider.machine_code import atomics, cache
-from beamrider.machine_code.streams import by_row, streams
+from beamrider.machine_code.streams import streams, uncounted
 
 ROOT = Path(__file__).parents[3]
 SIGNATURE = numba.types.void(numba.types.int64, *[numba.types.float64[::1]] * 3)
@@ -61,7 +61,7 @@ def add_row(line, to):
 def test_views_within_rows_are_not_counted():
     """Numba's `_nrt = False`: no reference counts (NRT_incref) in a function that makes views only."""
     signature = numba.types.void(numba.types.float64[:, ::1], numba.types.float64[:, ::1])
-    fast = by_row(cache=False)(rows)
+    fast = uncounted(cache=False)(rows)
     fast.compile(signature)
     assert "NRT_incref" not in fast.inspect_llvm(fast.signatures[0])
     given, out = np.ones((2, 3)), np.zeros((2, 3))
