@@ -30,6 +30,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from beamrider.arrays import Complexes, Floats
+from optics.cells.outline import polygons
 from optics.cells.schema import LamellarStack, as_stack
 from optics.modal.scattering import NEGLIGIBLE, LayerModes, joints, scatter
 from optics.modal.slabs import climb_slabs, slabs
@@ -206,6 +207,14 @@ class Stack:
     averaged: tuple[int, ...] = ()
     slanted: Slanted | None = None
 
+    @property
+    def densest(self) -> float:
+        """Largest refractive index of the half-spaces and in the layers."""
+        layers = [*self.patterned, *self.behind]
+        within = [x for layer in layers for x in (layer.background, *(ridge[2] for ridge in layer.ridges))]
+        steps = [epsilon for _, epsilon in polygons(self.slanted.profile)] if self.slanted else []
+        return max(np.sqrt(complex(x)).real for x in (self.front_index**2, self.back, *within, *steps))
+
     def stretch(self, order: int) -> Stretch | None:
         """How x is stretched for so many orders."""
         return stretch(self.walls, order) if self.walls else None
@@ -250,14 +259,17 @@ def incident_light(u: Floats, v: Floats, order: int, index: float) -> tuple[Comp
 
 def through_layers(
     stack: Stack, bases: list[Basis], starts: list[int], v: Floats, front: Complexes, back: Complexes,
-    source: Complexes, negligible: float,
+    source: Complexes, negligible: float, known: list[list[LayerModes]] | None = None,
 ) -> tuple[Complexes, Complexes]:
-    """`scatter` for n_d directions, those of one u and basis from `starts` on: f± (n_d, 2, 2n, columns), f₊ below."""
+    """`scatter` for n_d directions, those of one u and basis from `starts` on: f± (n_d, 2, 2n, columns), f₊ below.
+
+    known: the modes of every patterned layer in each basis, if they are.
+    """
     top, bottom = np.empty((v.size, 2, *source.shape[1:]), complex), np.empty_like(source)
     thickness = np.array([layer.thickness for layer in stack.patterned])[:, None]
     epsilon = np.array([np.nan if layer.ridges else layer.background for layer in stack.patterned])
-    for over, begin, end in zip(bases, starts, [*starts[1:], v.size], strict=True):
-        layers = [modes(layer, over) for layer in stack.patterned]
+    every = known or [[modes(layer, over) for layer in stack.patterned] for over in bases]
+    for over, layers, begin, end in zip(bases, every, starts, [*starts[1:], v.size], strict=True):
         stacked = LayerModes(*(np.stack(part) for part in zip(*layers, strict=True)))
         beta2, part = np.concatenate([stacked.beta2_s, stacked.beta2_p], axis=1), slice(begin, end)
         k_z = square_root(np.subtract(beta2, v[part, None, None] ** 2))
@@ -275,6 +287,20 @@ def plane_waves(stack: Stack, u: Floats, order: int) -> tuple[list[Basis], list[
     starts = [0, *(np.flatnonzero(np.diff(u)) + 1).tolist()]
     bases = [basis(stack.stretch(order), u_i, stack.pitch, order) for u_i in u[starts].tolist()]
     return bases, starts, np.repeat([over.cosines for over in bases], np.diff([*starts, u.size]), axis=0)
+
+
+def outgoing(
+    stack: Stack, u_m: Floats, v: Floats, light: tuple[Complexes, Complexes], top: Complexes, e_t: Complexes
+) -> tuple[Floats, Floats]:
+    """Reflected and transmitted efficiencies (n_d, 4, n) of orders u_m (n_d, n), the middle one that of the light.
+
+    light: its ẑ × E and h (n_d, 2n, 2). top (n_d, 2, 2n, 2): f± in front; e_t (n_d, 2n, 2): ẑ × E behind.
+    """
+    e_in, h_in = light
+    e_r, h_r = (top[:, 0] + top[:, 1]) / 2 - e_in, (top[:, 0] - top[:, 1]) / 2 - h_in
+    h_t = apply_blocks(blocks(half_space(u_m, v, stack.back)[1], u_m, v), e_t)
+    power = flux(e_in, h_in)[:, :1, u_m.shape[1] // 2, None]
+    return -flux(e_r, h_r) / power, flux(e_t, h_t) / power
 
 
 def efficiencies(
@@ -303,8 +329,4 @@ def efficiencies(
     else:
         top, bottom = through_layers(stack, bases, starts, v, front, blocks(rho, u_m, v), source, negligible)
 
-    e_r, h_r = (top[:, 0] + top[:, 1]) / 2 - e_in, (top[:, 0] - top[:, 1]) / 2 - h_in
-    e_t = apply_blocks(blocks(through, u_m, v), bottom)
-    h_t = apply_blocks(blocks(half_space(u_m, v, stack.back)[1], u_m, v), e_t)
-    power = flux(e_in, h_in)[:, :1, order, None]
-    return -flux(e_r, h_r) / power, flux(e_t, h_t) / power
+    return outgoing(stack, u_m, v, (e_in, h_in), top, apply_blocks(blocks(through, u_m, v), bottom))

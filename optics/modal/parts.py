@@ -98,7 +98,7 @@ def part(stack: lamellar.Stack, first: int, last: int, u_max: float) -> Parted:
     )
 
 
-def _phases(bases: list[Basis], counts: Integers, order: int) -> Complexes:
+def phases(bases: list[Basis], counts: Integers, order: int) -> Complexes:
     """Phases (n_d, 2N + 1) of the plane waves of stretched bases, which eigenvectors leave open.
 
     Where x = ξ, at the first wall, the plane wave of order m is exp(2πi m x).
@@ -113,6 +113,13 @@ def _phases(bases: list[Basis], counts: Integers, order: int) -> Complexes:
         held = (wave @ over.columns) * wave.conj()
         found.append(held / np.abs(held))
     return np.repeat(found, counts, axis=0)
+
+
+def unit(orders: Orders, order: int, count: int) -> Complexes:
+    """f₊ (count, 2n, 2 orders) of waves of 1 in each component of some orders among −order … order."""
+    out = np.zeros((count, 4 * order + 2, 2 * orders.count), complex)
+    out[:, orders.among(order), np.arange(2 * orders.count)] = 1.0
+    return out
 
 
 @dataclass(frozen=True)
@@ -151,9 +158,7 @@ class _Solver:
 
     def unit(self, orders: Orders) -> Complexes:
         """f₊ (n_d, 2n, 2 count) of waves of 1 in each component of each order."""
-        out = np.zeros((self.v.size, 2 * self.u_m.shape[1], 2 * orders.count), complex)
-        out[:, orders.among(self.order), np.arange(2 * orders.count)] = 1.0
-        return out
+        return unit(orders, self.order, self.v.size)
 
     def weights(self, orders: Orders, permittivity: complex) -> Complexes:
         """Power of outgoing f (n_d, count, 2, 2) in a lossless half-space: Re y/|1 + y|² of waves that run."""
@@ -226,7 +231,7 @@ def scattering(of: Parted, u: Floats, v: Floats, order: int, negligible: float) 
     """
     bases, starts, u_m = lamellar.plane_waves(of.stack, u, order)
     at = _Solver(of, bases, starts, u_m, v, order, negligible)
-    phase = np.tile(_phases(bases, np.diff([*starts, u.size]), order), 2)
+    phase = np.tile(phases(bases, np.diff([*starts, u.size]), order), 2)
     parts = [_front(at, phase, u), *([_back(at, phase)] if of.patterned_behind else [])]
     flat = np.concatenate([
         held for (found, loss), lossless in zip(parts, of.lossless, strict=False)

@@ -36,13 +36,15 @@ class Response:
     absorptance_stokes: Floats
 
 
-def _solve_block(
-    axis: str, stack: lamellar.Stack, u: Floats, v: Floats, order: int, negligible: float
+def parts_of(
+    axis: str, stack: lamellar.Stack, u: Floats, v: Floats, reflected: Floats, transmitted: Floats
 ) -> tuple[Floats, ...]:
-    """The parts of a `Response` for directions u, v (n_d)."""
+    """The parts of a `Response` for directions u, v (n_d) from what orders, evanescent ones too, seem to carry.
+
+    reflected, transmitted (n_d, 4, 2N + 1) of the orders −N … N for the Stokes components.
+    """
+    order = reflected.shape[-1] // 2
     orders = np.arange(-order, order + 1)
-    solver = thick_amplitudes.efficiencies if stack.averaged else lamellar.efficiencies
-    reflected, transmitted = solver(stack, u, v, order, negligible)
     u_m, w_front = order_cosines(u, v, stack.pitch, orders, stack.front_index)
     _, w_back = order_cosines(u, v, stack.pitch, orders, float(np.sqrt(stack.back).real))
     reflected = np.where(w_front.real[:, None] > 0, reflected, 0.0)
@@ -57,6 +59,14 @@ def _solve_block(
     s = stokes(u, v, electric_vector(u, v, axis, stack.front_index), stack.front_index)
     nominal = [np.einsum("ds,ds...->d...", s, part) for part in (q, absorptance, reflected, transmitted)]
     return (*nominal, q, absorptance)
+
+
+def _solve_block(
+    axis: str, stack: lamellar.Stack, u: Floats, v: Floats, order: int, negligible: float
+) -> tuple[Floats, ...]:
+    """The parts of a `Response` for directions u, v (n_d)."""
+    solver = thick_amplitudes.efficiencies if stack.averaged else lamellar.efficiencies
+    return parts_of(axis, stack, u, v, *solver(stack, u, v, order, negligible))
 
 
 def solve(

@@ -115,7 +115,11 @@ class Products(NamedTuple):
 @lru_cache(maxsize=3)
 def products(cell: Slanted, order: int) -> Products:
     """Of the steps of a profile."""
-    of, g = steps(cell, order), cell.pitch * np.arange(-order, order + 1)
+    return products_of(steps(cell, order), cell.pitch * np.arange(-order, order + 1))
+
+
+def products_of(of: Steps, g: Floats) -> Products:
+    """Of steps in the plane waves u + g (n,)."""
     z, z_x, x_z, p, epsilon = of.z, of.z_x, of.x_z, of.p, of.epsilon
 
     def sandwiches(k: Floats) -> Complexes:
@@ -126,6 +130,13 @@ def products(cell: Slanted, order: int) -> Products:
 
     plain = np.stack([z @ epsilon, epsilon @ z, epsilon @ z_x, x_z @ epsilon])
     return Products(plain, sandwiches(g), sandwiches(np.ones(g.size)))
+
+
+def upside_down(of: Steps) -> Steps:
+    """The steps seen from behind: z is −z, so that what couples E_x and E_z changes its sign."""
+    z_x, x_z = -of.z_x[::-1], -of.x_z[::-1]
+    parts = (of.epsilon[::-1], of.z[::-1], z_x, x_z, of.p[::-1])
+    return Steps(np.ascontiguousarray(of.thickness[::-1]), *(np.asarray(part, complex) for part in parts))
 
 
 def unmixed(of: Steps, i: int) -> list[tuple[float, Steps]]:

@@ -5,7 +5,8 @@ python -m optics.modal --cell workflow/designs/mark1e_te.yaml --out table.h5
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -42,8 +43,29 @@ from optics.waves.incidence import cutoffs as rayleigh_cutoffs
 TOLERANCE, U_MAX = 1e-4, 0.4227
 # Modes that reach the far side of their layer with less than this share of the tolerance are left out there.
 _NEGLIGIBLE, _NOISE = 1e-2, 1e-5
+_TOLD = 3  # of so many rows, and lines, one is solved with fewer orders, to tell the error of the orders
 _WIDE = 75  # orders from which on even choosing their number takes minutes
 _MARGIN = 3  # orders beyond those that run within the layers, to see whether there are resonances
+
+
+@dataclass(frozen=True)
+class _Solver:
+    """Solves with so many orders, until `go_on` refuses."""
+
+    chosen: Chosen
+    order: int
+    negligible: float
+    go_on: Callable[[], None]
+
+    def __call__(self, u: Floats, v: Floats) -> Floats:
+        """Quantities (20, n_u, n_v) at u × v."""
+        self.go_on()
+        return quantities(self.chosen.solve(u, v, self.negligible, self.order))
+
+    def each(self, u: Floats, v: Floats) -> Floats:
+        """Quantities (20, n) at single directions u, v (n)."""
+        self.go_on()
+        return quantities(self.chosen.solve_each(u, v, self.negligible, self.order))[:, 0]
 
 
 def layer_count(cell: ModalCell) -> int:
@@ -61,20 +83,18 @@ def choose_nodes(
     """
     cell, watch = chosen.cell, Stopwatch()
     window = resonance_window(cell, u_max, v_max)
-    chosen = replace(chosen, reach=(u_max + window.reach, v_max))
 
-    def solver(n: int, scout: bool = False) -> Solve:
-        negligible = min(_NEGLIGIBLE * tolerance, _NOISE)
+    def go_on() -> None:
+        require_time(watch.cpu_seconds, cell.name, most_minutes)
 
-        def at(u: Floats, v: Floats) -> Floats:
-            require_time(watch.cpu_seconds, cell.name, most_minutes)
-            found = chosen.scout(u, v, n, negligible) if scout else chosen.solve(u, v, negligible, n)
-            return quantities(found)
+    chosen = chosen.within((u_max + window.reach, v_max), tolerance, go_on)
+    negligible = min(_NEGLIGIBLE * tolerance, _NOISE)
 
-        return at
+    def solver(n: int) -> Solve:
+        return _Solver(chosen, n, negligible, go_on)
 
     def scout(n: int) -> Solve:
-        return solver(n, scout=True)
+        return _Solver(chosen.scout, n, negligible, go_on)
 
     u, v = first_directions(curves := window_curves(cell, u_max, v_max), u_max, v_max)
     layers = layer_count(cell)
@@ -149,12 +169,26 @@ def _attributes(cell: Grating, chosen: Chosen, absorptance: Floats, settings: di
     }
 
 
+def _of_orders(chosen: Chosen, u: Floats, v: Floats, nodes: Forces, negligible: float) -> Floats:
+    """Errors (2, n_u, n_v) from orders and slices at nodes u × v: the largest of those told at some of them around."""
+    rows, lines = (np.unique(np.linspace(0, x.size - 1, 1 + int(np.ceil((x.size - 1) / _TOLD))).round().astype(int))
+                   for x in (u, v))
+    some = Forces(*(part[np.ix_(rows, lines)] for part in nodes))
+    told = np.stack(chosen.errors(u[rows], v[lines], some, negligible))
+    around = [
+        told[:, np.searchsorted(rows, np.arange(u.size), a)[:, None] - (a == "right"),
+             np.searchsorted(lines, np.arange(v.size), b) - (b == "right")]
+        for a in ("left", "right") for b in ("left", "right")
+    ]
+    return np.asarray(np.max(around, axis=0))
+
+
 def _sampled(chosen: Chosen, refined: Refined, tolerance: float) -> PressureTable:
     """A table that is interpolated."""
     found = refined.samples
     q, absorptance, q_stokes, absorptance_stokes = apart(found.nodes)
     nodes = Forces(np.moveaxis(q, 0, -1), np.moveaxis(q_stokes, (0, 1), (-2, -1)))
-    error, error_stokes = refined.errors + chosen.errors(found.u, found.v, nodes, _NEGLIGIBLE * tolerance)
+    error, error_stokes = refined.errors + _of_orders(chosen, found.u, found.v, nodes, _NEGLIGIBLE * tolerance)
     cutoffs = Cutoffs(found.curves, *apart(found.on_curves)) if len(found.curves) else None
     return PressureTable(
         found.u, found.v, q, absorptance, error, mirror_v=True, cutoffs=cutoffs, q_stokes=q_stokes,

@@ -27,6 +27,7 @@ import numpy as np
 from beamrider.arrays import Floats
 from beamrider.io.files import InputError, progress
 from optics.cells.outline import Grating, is_upright, polygons
+from optics.modal.core import Core, Cores
 from optics.modal.limit import refuse_without_limit
 from optics.modal.response import Response, solve
 from optics.modal.scattering import NEGLIGIBLE
@@ -165,8 +166,8 @@ def extrapolated(fine: Response, half: Response) -> Response:
 class Chosen:
     """A cell as the modal method takes it, its orders and slices, and how to tell their errors.
 
-    half: the cell with half the slices, None where its walls are upright. reasons: why a tolerance is missed. reach:
-    |u| and |v| of the directions that will be asked for.
+    half: the cell with half the slices, None where its walls are upright. reasons: why a tolerance is missed. cores: of
+    the many directions that will be asked for, if there are.
     """
 
     cell: ModalCell
@@ -176,11 +177,32 @@ class Chosen:
     half: ModalCell | None = None
     slice_factor: float = 0.0
     reasons: tuple[str, ...] = ()
-    reach: tuple[float, float] | None = None
+    cores: Cores | None = None
+
+    def within(self, reach: tuple[float, float], tolerance: float, go_on: Callable[[], None]) -> Chosen:
+        """The same, to be asked for many directions |u|, |v| ≤ reach: `optics.modal.core`."""
+        return replace(self, cores=Cores(reach, tolerance, go_on))
+
+    def _core(self, cell: ModalCell, u: Floats, v: Floats, order: int) -> Core | None:
+        core = self.cores.of(cell, order) if self.cores else None
+        return core if core and core.holds(u, v) else None
 
     def _solve(self, cell: ModalCell, u: Floats, v: Floats, order: int, negligible: float) -> Response:
-        of = replace(cell, reach=self.reach) if isinstance(cell, Slanted) else cell
+        core = self._core(cell, u, v, order)
+        return core.solve(u, v) if core else self._direct(cell, u, v, order, negligible)
+
+    def _direct(self, cell: ModalCell, u: Floats, v: Floats, order: int, negligible: float) -> Response:
+        of = replace(cell, reach=self.cores.reach) if isinstance(cell, Slanted) and self.cores else cell
         return solve(of, u, v, order, negligible)
+
+    def _each(self, cell: ModalCell, u: Floats, v: Floats, order: int, negligible: float) -> Response:
+        core = self._core(cell, u, v, order)
+        if core:
+            return core.solve_each(u, v)
+        found = [self._direct(cell, u[i : i + 1], v[i : i + 1], order, negligible) for i in range(u.size)]
+        return Response(*(
+            np.concatenate([getattr(one, part.name) for one in found], axis=1) for part in fields(Response)
+        ))
 
     @property
     def settings(self) -> dict[str, int]:
@@ -194,9 +216,17 @@ class Chosen:
             return fine
         return extrapolated(fine, self._solve(self.half, u, v, order or self.order, negligible))
 
-    def scout(self, u: Floats, v: Floats, order: int, negligible: float = NEGLIGIBLE) -> Response:
-        """Response over u (n_u,) × v (n_v,) by half of the slices: resonances are there, if not quite in place."""
-        return self._solve(self.half or self.cell, u, v, order, negligible)
+    def solve_each(self, u: Floats, v: Floats, negligible: float, order: int) -> Response:
+        """The same at single directions u, v (n): arrays (1, n, ...)."""
+        fine = self._each(self.cell, u, v, order, negligible)
+        if self.half is None or isinstance(self.cell, Slanted):
+            return fine
+        return extrapolated(fine, self._each(self.half, u, v, order, negligible))
+
+    @property
+    def scout(self) -> Chosen:
+        """The same with half of the slices: resonances are there, if not quite where they belong."""
+        return replace(self, cell=self.half or self.cell, half=None)
 
     def errors(
         self, u: Floats, v: Floats, fine: Forces | Response, negligible: float = NEGLIGIBLE

@@ -65,7 +65,10 @@ class Samples:
 
 
 def solve_each(solve: Solve, u: Floats, v: Floats, k: int) -> Floats:
-    """Quantities (k, n) at single directions u, v (n)."""
+    """Quantities (k, n) at single directions u, v (n): all at once by solvers that can, which have a method for it."""
+    at_once: Solve | None = getattr(solve, "each", None)
+    if at_once and u.size:
+        return at_once(u, v)
     found = [solve(u[i : i + 1], v[i : i + 1])[:, 0, 0] for i in range(u.size)]
     return np.array(found).reshape(-1, k).T
 

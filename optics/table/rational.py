@@ -21,7 +21,7 @@ from beamrider.arrays import Complexes, Floats
 
 # Support points taken without an improvement before the best function so far is taken: what is left is rounding.
 _PATIENCE = 8
-
+_SUM = 1e-13  # functions of this share of the largest are sums of others but for rounding
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,9 @@ def fit(z: Floats, f: Floats, tolerance: float, most: int) -> Rational:
     n = z.size
     rest = np.ones(n, bool)
     guess = np.repeat(f.mean(axis=1, keepdims=True), n, axis=1)
+    # As least squares see them, the functions are a few, which the others are sums of.
+    _, sizes, few = np.linalg.svd(f, full_matrices=False)
+    few = (sizes[:, None] * few)[sizes >= _SUM * sizes[0]]
     best = Rational(z[:1], f[:, :1], np.ones(1), np.inf)
     chosen: list[int] = []
     for _ in range(min(most, (n + 1) // 2)):
@@ -73,7 +76,7 @@ def fit(z: Floats, f: Floats, tolerance: float, most: int) -> Rational:
         chosen.append(worst)
         rest[worst] = False
         cauchy = 1.0 / (z[rest, None] - z[chosen])
-        loewner = ((f[:, rest, None] - f[:, None, chosen]) * cauchy).reshape(-1, len(chosen))
+        loewner = ((few[:, rest, None] - few[:, None, chosen]) * cauchy).reshape(-1, len(chosen))
         weights = _smallest(loewner)
         guess = np.array(f)
         guess[:, rest] = (f[:, chosen] * weights @ cauchy.T) / (cauchy @ weights)

@@ -220,13 +220,12 @@ def local_weights(nodes: Floats, at: Floats, width: int = 5) -> tuple[Integers, 
     nearest = np.abs(nodes - at[:, None]).argmin(axis=1) if nodes.size < 64 else _nearest(nodes, at)
     which = np.clip(nearest - width // 2, 0, nodes.size - width)[:, None] + np.arange(width)
     x = nodes[which]
-    d = at[:, None] - x
-    value, slope = np.empty((2, *x.shape))
-    for k in range(width):
-        others = [m for m in range(width) if m != k]
-        scale = np.prod(x[:, [k]] - x[:, others], axis=1)
-        value[:, k] = np.prod(d[:, others], axis=1) / scale
-        slope[:, k] = sum(np.prod(d[:, [m for m in others if m != n]], axis=1) for n in others) / scale
+    d, own = at[:, None] - x, np.eye(width, dtype=bool)
+    scale = np.where(own, 1.0, x[:, :, None] - x[:, None]).prod(axis=-1)
+    value = np.where(own, 1.0, d[:, None]).prod(axis=-1) / scale
+    # Of the derivative, for each k: the sum over n ≠ k of products without k and n.
+    without = np.where(own[:, None] | own, 1.0, d[:, None, None]).prod(axis=-1)
+    slope = np.where(own, 0.0, without).sum(axis=-1) / scale
     return which, value, slope
 
 
