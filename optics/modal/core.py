@@ -45,7 +45,7 @@ _BLOCK = 128  # directions that are worked on together
 # S is right to this share of a tolerance, and to so much, or else to a part of that.
 _GOAL, _RIGHT, _FINER = 1e-3, 1e-6, 0.03
 # Directions at which a core is compared with direct solutions, and the share of a tolerance that q may be off.
-_CHECKED, _SHARE = 12, 0.01
+_CHECKED, _SHARE = 8, 0.01
 
 
 def channels(stack: lamellar.Stack, order: int, u_max: float) -> Orders | None:
@@ -261,11 +261,12 @@ def _terms(solve: Callable[[Floats, Floats], Complexes], reach: tuple[float, flo
 
 
 def find_core(
-    cell: ModalCell, order: int, reach: tuple[float, float], goal: float, go_on: Callable[[], None] = lambda: None
+    cell: ModalCell, order: int, reach: tuple[float, float], goal: float, go_on: Callable[[], None] = lambda: None,
+    terms: list[int] | None = None,
 ) -> Core | None:
     """The core of a cell over |u|, |v| ≤ reach with S right to `goal`; None where it would be of no use.
 
-    `go_on` is asked before every few solutions and may refuse.
+    `go_on` is asked before every few solutions and may refuse. terms: as many as do, if that is known.
     """
     stack = lamellar.prepare(cell)
     of = channels(stack, order, reach[0])
@@ -277,7 +278,7 @@ def find_core(
         go_on()
         return solve(u, v)
 
-    terms = _terms(checked, reach, goal)
+    terms = terms or _terms(checked, reach, goal)
     if not terms or np.prod(terms) > _MOST:
         return None
     x, y = chebpts1(terms[0]), chebpts1(2 * terms[1])[terms[1] :]
@@ -302,9 +303,11 @@ class Cores:
         for other, n, core in self.known:
             if n == order and (other is cell or other == cell):
                 return core
-        core = find_core(cell, order, self.reach, min(_GOAL * self.tolerance, _RIGHT), self.go_on)
+        goal = min(_GOAL * self.tolerance, _RIGHT)
+        like = next((list(core.even.shape[:2]) for _, _, core in self.known if core), None)
+        core = find_core(cell, order, self.reach, goal, self.go_on, like)
         if core and not self._right(cell, core):
-            core = find_core(cell, order, self.reach, _FINER * _RIGHT, self.go_on)
+            core = find_core(cell, order, self.reach, _FINER * goal, self.go_on)
             core = core if core and self._right(cell, core) else None
         self.known.append((cell, order, core))
         return core

@@ -102,7 +102,7 @@ def choose_nodes(
     parity = np.concatenate([PARITY, np.outer(STOKES_PARITY, PARITY).ravel()])
     name, measures = f"modal {cell.name}", (own_error, error_in_any)
     samples = start(solver(chosen.order), curves, u, v, parity, OWN)
-    few = scout(min(chosen.order, guided_order(cell, u_max) + _MARGIN))
+    few = scout(chosen.order if chosen.fast else min(chosen.order, guided_order(cell, u_max) + _MARGIN))
     if not are_there(few, samples, window, tolerance, name):
         return chosen, refine(samples, tolerance, measures, name)
     order = enough_orders(scout, finer_rungs(chosen.order), samples, window, tolerance, name)

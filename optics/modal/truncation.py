@@ -183,6 +183,11 @@ class Chosen:
         """The same, to be asked for many directions |u|, |v| ≤ reach: `optics.modal.core`."""
         return replace(self, cores=Cores(reach, tolerance, go_on))
 
+    @property
+    def fast(self) -> bool:
+        """Whether directions cost the same with any number of orders."""
+        return self.cores is not None and self.cores.of(self.scout.cell, self.order) is not None
+
     def _core(self, cell: ModalCell, u: Floats, v: Floats, order: int) -> Core | None:
         core = self.cores.of(cell, order) if self.cores else None
         return core if core and core.holds(u, v) else None

@@ -220,12 +220,12 @@ def local_weights(nodes: Floats, at: Floats, width: int = 5) -> tuple[Integers, 
     nearest = np.abs(nodes - at[:, None]).argmin(axis=1) if nodes.size < 64 else _nearest(nodes, at)
     which = np.clip(nearest - width // 2, 0, nodes.size - width)[:, None] + np.arange(width)
     x = nodes[which]
-    d, own = at[:, None] - x, np.eye(width, dtype=bool)
-    scale = np.where(own, 1.0, x[:, :, None] - x[:, None]).prod(axis=-1)
-    value = np.where(own, 1.0, d[:, None]).prod(axis=-1) / scale
-    # Of the derivative, for each k: the sum over n ≠ k of products without k and n.
-    without = np.where(own[:, None] | own, 1.0, d[:, None, None]).prod(axis=-1)
-    slope = np.where(own, 0.0, without).sum(axis=-1) / scale
+    # Products over the first axis; of the derivative, for each k: the sum over n ≠ k of products without k and n.
+    d, own = (at[:, None] - x).T, np.eye(width, dtype=bool)[..., None]
+    scale = np.where(own, 1.0, x.T - x.T[:, None]).prod(axis=0)
+    value = np.where(own, 1.0, d[:, None]).prod(axis=0) / scale
+    without = np.where(own[:, :, None] | own[:, None], 1.0, d[:, None, None]).prod(axis=0)
+    value, slope = value.T, (np.where(own, 0.0, without).sum(axis=1) / scale).T
     return which, value, slope
 
 
