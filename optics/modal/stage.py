@@ -170,17 +170,15 @@ def _attributes(cell: Grating, chosen: Chosen, absorptance: Floats, settings: di
 
 
 def _of_orders(chosen: Chosen, u: Floats, v: Floats, nodes: Forces, negligible: float) -> Floats:
-    """Errors (2, n_u, n_v) from orders and slices at nodes u × v: the largest of those told at some of them around."""
-    rows, lines = (np.unique(np.linspace(0, x.size - 1, 1 + int(np.ceil((x.size - 1) / _TOLD))).round().astype(int))
-                   for x in (u, v))
-    some = Forces(*(part[np.ix_(rows, lines)] for part in nodes))
-    told = np.stack(chosen.errors(u[rows], v[lines], some, negligible))
-    around = [
-        told[:, np.searchsorted(rows, np.arange(u.size), a)[:, None] - (a == "right"),
-             np.searchsorted(lines, np.arange(v.size), b) - (b == "right")]
-        for a in ("left", "right") for b in ("left", "right")
-    ]
-    return np.asarray(np.max(around, axis=0))
+    """Errors (2, n_u, n_v) from orders and slices at nodes u × v, told at some of them and linear between these."""
+    some = [np.unique(np.linspace(0, x.size - 1, 1 + int(np.ceil((x.size - 1) / _TOLD))).round().astype(int))
+            for x in (u, v)]
+    told = chosen.errors(u[some[0]], v[some[1]], Forces(*(part[np.ix_(*some)] for part in nodes)), negligible)
+    along_u, along_v = (
+        np.stack([np.interp(np.arange(x.size), at, row) for row in np.eye(at.size)], axis=1)
+        for x, at in zip((u, v), some, strict=True)
+    )
+    return np.asarray(along_u @ np.stack(told) @ along_v.T)
 
 
 def _sampled(chosen: Chosen, refined: Refined, tolerance: float) -> PressureTable:
