@@ -41,9 +41,11 @@ _IN_U = (8, 11, 14, 17, 20, 23, 26, 30, 35, 41, 50, 60, 72, 86, 100)
 _IN_V, _MOST = (4, 5, 6, 7, 8, 9, 10, 12, 14, 17, 20, 24, 30), 3000
 _LAST = (2, 1)  # terms in u, and in v, whose size is the error of a series
 _PROBE = 0.31  # where in the window series in one variable are tried
+# How many times as many terms are foreseen from some, with how much room, and how many more are taken when too few.
+_AHEAD, _ROOM, _LONGER, _FAINT = 2.5, 1.0, 1.1, 1e-16
 _BLOCK = 128  # directions that are worked on together
 # S is right to this share of a tolerance, and to so much, or else to a part of that.
-_GOAL, _RIGHT, _FINER = 1e-3, 1e-6, 0.03
+_GOAL, _RIGHT, _FINER = 2e-3, 2e-6, 0.03
 # Directions at which a core is compared with direct solutions, and the share of a tolerance that q may be off.
 _CHECKED, _SHARE = 8, 0.01
 
@@ -239,24 +241,28 @@ def _last(coefficients: Complexes, axis: int) -> float:
 
 
 def _terms(solve: Callable[[Floats, Floats], Complexes], reach: tuple[float, float], goal: float) -> list[int]:
-    """Terms in u and, of one parity, in v whose last are below `goal`; empty where none of those tried are enough."""
+    """Terms in u and, of one parity, in v whose last should be below `goal`; empty where no number of them may be.
+
+    From few terms along one line, if they go on to fall as they did.
+    """
     out = []
     for axis, ladder in enumerate((_IN_U, _IN_V)):
-        k = 0
+        k = 1
         while k < len(ladder):
             n = ladder[k]
             x, y = (chebpts1(n), np.array([_PROBE])) if axis == 0 else (np.array([_PROBE]), chebpts1(2 * n)[n:])
             parts = _series(solve(reach[0] * x, reach[1] * y), x, y)
             last = max(_last(part, axis) for part in parts)
-            if last <= goal:
-                break
-            # As many as it takes if they go on to fall as they did, one less than the next at most.
             first = max(np.abs(part).max(initial=0.0) for part in parts)
-            rate = np.log(max(first / last, 1.1)) / (n - _LAST[axis] / 2)
-            k = max(k + 1, int(np.searchsorted(ladder, min(n + np.log(last / goal) / rate, ladder[-1]))))
-        if k == len(ladder):
+            rate = np.log(max(first / max(last, _FAINT), 1.1)) / (n - _LAST[axis] / 2)
+            needed = max(n + np.log(max(last, _FAINT) / goal) / rate, ladder[0])
+            if needed <= _AHEAD * n:
+                break
+            k = max(k + 1, int(np.searchsorted(ladder, 1.6 * n)))
+        at = int(np.searchsorted(ladder, (_ROOM if needed > n else 1.0) * needed))
+        if k >= len(ladder) or at >= len(ladder):
             return []
-        out.append(ladder[k])
+        out.append(ladder[at])
     return out
 
 
@@ -279,11 +285,14 @@ def find_core(
         return solve(u, v)
 
     terms = terms or _terms(checked, reach, goal)
-    if not terms or np.prod(terms) > _MOST:
-        return None
-    x, y = chebpts1(terms[0]), chebpts1(2 * terms[1])[terms[1] :]
-    s = np.concatenate([checked(reach[0] * x[k : k + 1], reach[1] * y) for k in range(x.size)])
-    return Core(cell.electric_axis, stack, of, order, reach, *_series(s, x, y))
+    while terms and np.prod(terms) <= _MOST:
+        x, y = chebpts1(terms[0]), chebpts1(2 * terms[1])[terms[1] :]
+        series = _series(np.concatenate([checked(reach[0] * a, reach[1] * y) for a in x[:, None]]), x, y)
+        short = [max(_last(part, axis) for part in series) > goal for axis in (0, 1)]
+        if not any(short):
+            return Core(cell.electric_axis, stack, of, order, reach, *series)
+        terms = [int(np.ceil(_LONGER * n)) + 1 if more else n for n, more in zip(terms, short, strict=True)]
+    return None
 
 
 @dataclass(frozen=True)
