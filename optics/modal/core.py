@@ -135,7 +135,7 @@ class Core:
     odd: Complexes
 
     def holds(self, u: Floats, v: Floats) -> bool:
-        """Whether all directions are within its reach."""
+        """Whether all directions u (n_u), v (n_v) are within its reach."""
         return bool((np.abs(u) <= self.reach[0]).all() and (np.abs(v) <= self.reach[1]).all())
 
     def solve(self, u: Floats, v: Floats) -> Response:
