@@ -30,7 +30,7 @@ def altered(base: Scene, **groups: Any) -> Scene:
     """A scene with some keys of its groups (or whole entries) replaced."""
     data = base.model_dump()
     for name, value in groups.items():
-        data[name] = {**data[name], **value} if isinstance(value, dict) else value
+        data[name] = {**(data[name] or {}), **value} if isinstance(value, dict) else value
     return Scene.model_validate(data)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamrider.io.files import InputError
+from dynamics.membrane import bodies
 from dynamics.membrane.arrays import Model
 from dynamics.membrane.effects.composition import build_all
 from dynamics.membrane.effects.interface import Plan, Setup, unsigned
@@ -26,7 +27,7 @@ from dynamics.membrane.plan import plan
 from dynamics.membrane.row_layout import layout, with_springs
 from dynamics.membrane.stepping import corotating_setup, integrators
 from dynamics.membrane.stepping.corotating import Corotating
-from dynamics.membrane.stepping.time_step import check_heat, damped_share, highest_absorptances
+from dynamics.membrane.stepping.time_step import check_heat, damped_share, highest_absorptances, viscous_share
 from dynamics.sail.caught_light import check_light
 from dynamics.sail.masses import designed
 from dynamics.sail.mesh import Mesh, sail_mesh
@@ -71,9 +72,10 @@ def time_step(scene: Scene, mesh: Mesh, lat: Lattice) -> float:
         return corotating_setup.time_step(scene)
     springs = lat.stiffness.size > 0
     matrix = stiffness_matrix(mesh, lat.stiffness) if springs else sheet_matrix(scene.sail, mesh)
-    omega = highest_frequency(matrix, lat.masses)
+    omega = highest_frequency(*bodies.stiffened(scene, mesh, matrix, lat.masses))
     if plan(scene)["damping"].on:
         share = damped_share(scene, omega)
+    share = min(share, viscous_share(omega, bodies.slowest_tether(scene)))
     bound = share * STABILITY[flight.integrator] / omega
     if flight.time_step_s is None:
         turn = 1.0 / (360.0 * abs(scene.release.spin_Hz)) if scene.release.spin_Hz else math.inf
@@ -120,9 +122,10 @@ def _check_energy(scene: Scene, absorptances: list[float]) -> None:
 def _model(setup: Setup) -> Model:
     scene, mesh, masses = setup.scene, setup.mesh, setup.lattice.masses
     effects, flight = build_all(setup), setup.scene.flight
+    inert = bodies.inertial(scene, mesh, masses)
     release = max(effects.spin_up.steps, 1)
     return Model(
-        stencil=with_springs(layout(mesh, scene.sail.outline, scene.sail.rings, masses), effects.springs),
+        stencil=with_springs(layout(mesh, scene.sail.outline, scene.sail.rings, inert), effects.springs),
         triangles=Triangles(
             corners=unsigned(mesh.triangles.T), masses=per_triangle(scene.sail, mesh, "areal_mass") * mesh.areas
         ),
@@ -139,11 +142,13 @@ def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
     mesh = sail_mesh(scene.sail)
     check_mesh(mesh, f"{scene.name}.yaml: sail")
     check_light(scene, mesh)
+    bodies.check_bodies(scene)
     absorptances = highest_absorptances(scene, tables)
     _check_energy(scene, absorptances)
     lat = lattice(scene.sail, mesh, scene.flight)
     setup = Setup(scene, tables, plan(scene), mesh, lat, time_step(scene, mesh, lat))
     _check_wander(scene, setup.dt)
+    bodies.check_drag(scene, setup.dt)
     model, corotates = _model(setup), scene.flight.integrator == "corotating"
     # Its two-step method for the temperatures is stable for half as long
     check_heat(

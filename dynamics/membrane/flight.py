@@ -6,7 +6,7 @@ import hashlib
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from beamrider.io.files import Stopwatch, progress
 from beamrider.machine_code.cache import digest
 from dynamics.membrane.arrays import WorkSpace
 from dynamics.membrane.build import Membrane, build
-from dynamics.membrane.effects import failure
+from dynamics.membrane.effects import failure, tethers
 from dynamics.membrane.forecast import require_mesh, require_series, say_flexible
 from dynamics.membrane.output import record
 from dynamics.membrane.output.flight_file import Frame, series
@@ -81,8 +81,10 @@ class Flight:
         self.step, self.fresh = 0, True
         self._wall, self._watch, self._saved = 0.0, Stopwatch(), Stopwatch()
         n = self.model.masses.size
-        self.journal = Journal(folder, record.WIDTH, 1 + 7 * n + self.work.effects.tearing.failed.size)
-        self._rows = np.empty((CHUNK // self.model.series_every + 3, record.WIDTH))
+        carried = (self.model.effects.tethers.mass.size, self.model.effects.tethers.body.size)
+        width, self._more = record.WIDTH + tethers.width(*carried), tethers.payload_columns(*carried)
+        self.journal = Journal(folder, width, 1 + 7 * n + self.work.effects.tearing.failed.size)
+        self._rows = np.empty((CHUNK // self.model.series_every + 3, width))
         self._frame_steps = max(1, round(scene.flight.snapshot_every_s / self.model.dt))
         # The numbers that fly, too: they change with any edit of a material, the lattice or the mesh
         flying = [self.model, *([self.corotating] if self.corotating is not None else [])]
@@ -143,7 +145,7 @@ class Flight:
         """Wall time in s of each of `count` steps from the start, the release or the present, which leave no trace."""
         kept, model = [array.copy() for _, array in self._arrays()], self.model
         if start == model.release and self.step < start:
-            release(self.membrane, self.state)
+            release(self.membrane, self.state, self.work.effects.tethers)
         watch = Stopwatch()
         last = model.release if start < model.release else model.end
         _, reached, _ = self._run(start, min(start + count, last), True)
@@ -164,11 +166,25 @@ class Flight:
         if code != failure.INTACT:
             return self._fail(code, before, start, fresh)
         if self.step == self.model.release:
-            release(self.membrane, self.state)
+            release(self.membrane, self.state, self.work.effects.tethers)
             self.fresh = True
         if (self.step - self.model.release) % self._frame_steps == 0 or self.step == self.model.end:
             self._frame()
+            if self._at_rest():
+                return replace(self._end(failure.INTACT), reason="at_rest")
         return None
+
+    def _at_rest(self) -> bool:
+        """Has a held sail been at rest since the last snapshot, by the root mean square speed of its nodes."""
+        held = self.membrane.scene.holding
+        if held is None or held.rest_speed_m_s is None or self.step <= self.model.release + self._frame_steps:
+            return False
+        rows, row = self.journal.rows, record.COLUMNS
+        since = (self.step - self._frame_steps - self.model.release) * self.model.dt
+        lately = rows[rows[:, row["time"]] >= since]
+        whole = np.sum(lately[:, row["velocity"] : row["velocity"] + 3] ** 2, axis=1)
+        square = 2.0 * lately[:, row["energy_kinetic"]] / self.model.masses.sum() + whole
+        return bool(np.sqrt(square.max(initial=0.0)) < held.rest_speed_m_s) and lately.size > 0
 
     def _run(self, start: int, stop: int, fresh: bool) -> tuple[int, int, int]:
         """Steps from start to stop, with the other threads at their side: failure code, step reached, rows written."""
@@ -275,7 +291,7 @@ class Flight:
     def columns(self) -> dict[str, tuple[Floats, str]]:
         """Columns (rows, ...) and units of the series."""
         cold = None if self.model.warm else self.membrane.scene.flight.start_temperature_K
-        return series(np.asarray(self.journal.rows), cold)
+        return series(np.asarray(self.journal.rows), cold, self._more)
 
 
 def step_seconds(flight: Flight) -> tuple[float, float]:

@@ -47,11 +47,14 @@ def require_mesh(scene: Scene) -> None:
 
 def journal_bytes(scene: Scene, dt: float, steps: int) -> float:
     """Bytes of the rows and frames of a flexible flight of so many steps of dt in s."""
-    from dynamics.membrane.output.record import WIDTH  # only here: compiled modules take a second to load
+    # Only here: compiled modules take a second to load
+    from dynamics.membrane.effects import tethers
+    from dynamics.membrane.output.record import WIDTH
 
     failed = triangles(scene.sail) if scene.flight.on_failure != "stop" else 0
     frames = 2 + steps / max(1.0, scene.flight.snapshot_every_s / dt)
-    return 8.0 * (WIDTH * _rows(scene, steps) + frames * (1 + 7 * nodes(scene.sail) + failed))
+    width = WIDTH + tethers.width(len(scene.carried), sum(len(body.tethers) for body in scene.carried))
+    return 8.0 * (width * _rows(scene, steps) + frames * (1 + 7 * nodes(scene.sail) + failed))
 
 
 def _rows(scene: Scene, steps: int) -> float:

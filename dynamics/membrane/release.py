@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from dynamics.membrane.build import Membrane
+from dynamics.membrane.effects.tethers import TetherWork
 from dynamics.membrane.state import State
 from dynamics.membrane.stepping.corotating_setup import chord_speed
 from dynamics.sail.attitude import rotation_from_angles
@@ -15,13 +16,15 @@ from dynamics.sail.mesh_checks import check_shadow
 from dynamics.scene.schema import Scene
 
 
-def release(membrane: Membrane, state: State) -> None:
+def release(membrane: Membrane, state: State, tethers: TetherWork) -> None:
     """Bring the spinning sail to its place at t = 0, as a rigid body and at once.
 
     In this order: turn positions and velocities about z until the reference node is back at its azimuth (yaw 0); tilt
     both by A_x(roll) A_y(pitch) about the origin, the spin axis with them; shift by the offset. In the co-rotating
-    scheme nodes go on along chords.
+    scheme nodes go on along chords. The payload goes with the sail. A sail that is held stays as it is mounted.
     """
+    if membrane.scene.holding is not None:
+        return
     given = membrane.scene.release
     node, masses = membrane.mesh.reference_node, membrane.lattice.masses
     centre = state.x @ masses / masses.sum()
@@ -30,6 +33,8 @@ def release(membrane: Membrane, state: State) -> None:
     tilt = rotation_from_angles(np.radians(given.roll_deg), np.radians(given.pitch_deg), yaw)
     state.x[...] = tilt @ state.x + np.array([*given.offset_m, 0.0])[:, None]
     state.v[...] = tilt @ state.v
+    tethers.x[...] = tilt @ tethers.x + np.array([*given.offset_m, 0.0])[:, None]
+    tethers.v[...] = tilt @ tethers.v
     if membrane.corotating is not None:
         state.v[...] *= chord_speed(membrane.scene, membrane.model.dt)
 

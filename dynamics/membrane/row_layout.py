@@ -148,7 +148,7 @@ def scratch_space(
 
 def free_sides(stencil: Stencil, sheet: Sheet) -> Floats:
     """Squared free lengths (f, 3, p) in m² of cold triangles; empty where springs carry the load."""
-    return _fill(stencil.slots, sheet.rest, (stencil.triangles.ahead.shape[1], 3, stencil.per_mass.size))
+    return _fill(stencil.slots, sheet.free, (stencil.triangles.ahead.shape[1], 3, stencil.per_mass.size))
 
 
 def stencil_work(stencil: Stencil, springs: Springs, sheet: Sheet, lit: bool, scratch: Scratch) -> StencilWork:

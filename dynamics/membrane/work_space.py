@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynamics.membrane.arrays import Model, WorkSpace
+from dynamics.membrane.bodies import mounted
 from dynamics.membrane.build import Membrane
 from dynamics.membrane.effects.composition import work_all
 from dynamics.membrane.row_layout import scratch_space, stencil_work
@@ -17,8 +18,8 @@ PATCH = 256
 
 
 def initial_state(membrane: Membrane) -> State:
-    """At rest, centred, at the start temperature."""
-    x = membrane.model.rest.copy()
+    """At rest, centred or as it is mounted, at the start temperature."""
+    x = mounted(membrane.scene, membrane.model.rest)
     start = np.full(x.shape[1], membrane.scene.flight.start_temperature_K)
     return State(x, np.zeros_like(x), start if membrane.model.warm else start[:0], np.zeros(3))
 

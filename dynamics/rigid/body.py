@@ -19,8 +19,10 @@ from dynamics.light.rules import TooSteep, profile_rules, scaled
 from dynamics.light.sectors import Rules
 from dynamics.light.spots import pack
 from dynamics.rigid import equations as kernel
+from dynamics.rigid.towing import Towing
 from dynamics.sail.attitude import quaternion_from_angles, rotation_from_quaternion
 from dynamics.sail.masses import designed
+from dynamics.sail.payload import Tethers, on_disc, tethers
 from dynamics.sail.sectors import SailShape, sail_shape
 from dynamics.scene import schema as scenes
 from optics.table.pressure_table import PressureTable, TableArrays
@@ -67,6 +69,14 @@ class RigidBody:
     sail: kernel.RigidSail
     light: kernel.Light
     tables: tuple[TableArrays, ...]
+    payload: Tethers
+
+    @property
+    def scale(self) -> Floats:
+        """SI values of the units of a state: of the sail (17,), positions, velocities of the payload, its tethers."""
+        size, unit = 3 * self.payload.mass.size, self.units
+        more = [np.full(size, unit.length), np.full(size, unit.length / unit.time), np.ones(self.payload.body.size)]
+        return np.concatenate([unit.state, *more])
 
     def load(self, position: Floats, turn: Floats, time: float = 0.0) -> tuple[Floats, Floats, int]:
         """Force (3,) in N in lab components, torque (3,) in N m in body components, flag, at full intensity.
@@ -81,14 +91,27 @@ class RigidBody:
         return turn @ out[:3] * self.units.force, out[3:] * self.units.torque, flag
 
     def start(self, release: scenes.Release) -> Floats:
-        """State (17,) at release in normalised units: tilted about the origin, spin axis included, then shifted."""
+        """State (17,) at release in normalised units: tilted about the origin, spin axis included, then shifted.
+
+        With a payload, which turns with the sail as if it were a part of it, longer by that.
+        """
         quaternion = quaternion_from_angles(np.radians(release.roll_deg), np.radians(release.pitch_deg), 0.0)
         state = np.zeros(kernel.STATE)
         state[:3] = rotation_from_quaternion(quaternion) @ [*self.shape.centre, 0.0]
         state[:2] += release.offset_m
         state[6:10] = quaternion
         state[12] = 2.0 * np.pi * release.spin_Hz
-        return state / self.units.state
+        return self.loaded(state / self.units.state)
+
+    def loaded(self, state: Floats) -> Floats:
+        """A state (17,) in normalised units, with the payload where it is from the sail at the start."""
+        if self.payload.mass.size == 0:
+            return state
+        turn = rotation_from_quaternion(state[6:10])
+        arm = (self.payload.position - np.array([*self.shape.centre, 0.0])) / self.units.length
+        place = state[:3] + arm @ turn.T
+        speed = state[3:6] + np.cross(state[10:13], arm) @ turn.T
+        return np.concatenate([state, place.ravel(), speed.ravel(), np.ones(self.payload.body.size)])
 
 
 def rigid_body(
@@ -102,8 +125,26 @@ def rigid_body(
     shape = sail_shape(designed(scene, tables).sail)
     units = normal_units(shape, scene.beam.intensity_W_m2)
     nearest = (lookup or scene.lookup) == "nearest"
+    if scene.holding is not None:
+        raise InputError(f"{scene.name}.yaml: held: must be left out, or effects.held be false, for a rigid sail")
+    payload = tethers(scene.carried)
     sail = _arrays(shape, units, tables, _rules(scene, shape, quadrature))
-    return RigidBody(shape, units, sail, _light(scene, units), _tables(tables, nearest, scene.beam.polarisation))
+    sail = sail._replace(towing=_towing(scene, payload, shape, units))
+    return RigidBody(
+        shape, units, sail, _light(scene, units), _tables(tables, nearest, scene.beam.polarisation), payload
+    )
+
+
+def _towing(scene: scenes.Scene, payload: Tethers, shape: SailShape, units: Units) -> Towing:
+    """A payload in normalised units; InputError where a tether ends beside the sail."""
+    ends = on_disc(payload.to, shape.radius, f"{scene.name}.yaml")
+    force = units.force / units.length
+    return Towing(
+        mass=payload.mass / units.mass, body=payload.body,
+        arm=(ends - np.array([*shape.centre, 0.0])) / units.length, stiffness=payload.stiffness / force,
+        length=payload.lengths(ends) / units.length, retardation=payload.retardation / units.time,
+        strength=payload.strength / units.force, pushes=payload.pushes, snaps=bool(np.isfinite(payload.strength).any()),
+    )
 
 
 def _light(scene: scenes.Scene, units: Units) -> kernel.Light:

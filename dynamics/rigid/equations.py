@@ -20,6 +20,7 @@ from dynamics.light.aim import Wander, aim, axes, brightness, where
 from dynamics.light.compiled import Profile
 from dynamics.light.intensity import ramp
 from dynamics.light.sectors import Rules, moments
+from dynamics.rigid.towing import NOTHING, Towing, tow
 from optics.table.lookup import lookup_many
 from optics.table.pressure_table import TableArrays, lookup
 
@@ -33,7 +34,7 @@ class RigidSail(NamedTuple):
 
     g (n_s, 2): direction across the ridges in body x, y. rules: quadrature. centre (2,): of mass, from the middle.
     table (n_s,): index of the pressure table, −1 for constant `reflectance`, `absorptance` (n_s,).
-    inertia, inverse (3, 3): inertia tensor about the centre of mass and its inverse.
+    inertia, inverse (3, 3): inertia tensor about the centre of mass and its inverse. towing: its payload.
     """
 
     g: Floats
@@ -44,6 +45,7 @@ class RigidSail(NamedTuple):
     absorptance: Floats
     inertia: Floats
     inverse: Floats
+    towing: Towing = NOTHING
 
 
 class Light(NamedTuple):
@@ -191,7 +193,7 @@ def _see(light: Light, t: float, position: Floats, turn: Floats) -> tuple[float,
 def derivative(
     sail: RigidSail, tables: tuple[TableArrays, ...], light: Light, t: float, state: Floats, out: Floats
 ) -> int:
-    """Write d(state)/dt (17,); flag of `load`.
+    """Write d(state)/dt (17, or more with a payload: see `towing`); flag of `load`.
 
     The state: position, velocity (lab), quaternion, angular velocity (body); work, angular impulse (lab) of the light.
     Newton's and Euler's equations (Goldstein, §5.5), q̇ = ½ q ⊗ (0, ω), the power F·v + τ·ω and the torque Qτ.
@@ -215,7 +217,6 @@ def derivative(
     out[7] = 0.5 * (w * p + y * r - z * q)
     out[8] = 0.5 * (w * q + z * p - x * r)
     out[9] = 0.5 * (w * r + x * q - y * p)
-    _turning(sail, state[10:13], body[3:6], out[10:13])
     power = body[3] * p + body[4] * q + body[5] * r
     for i in range(3):
         out[i] = state[3 + i]
@@ -223,6 +224,13 @@ def derivative(
         out[14 + i] = turn[i, 0] * body[3] + turn[i, 1] * body[4] + turn[i, 2] * body[5]
         power += out[3 + i] * state[3 + i]
     out[13] = power
+    if sail.towing.mass.size > 0:
+        pull = np.empty(6)
+        tow(sail.towing, STATE, turn, state, out, pull)
+        for i in range(3):
+            out[3 + i] += pull[i]
+            body[3 + i] += pull[3 + i]
+    _turning(sail, state[10:13], body[3:6], out[10:13])
     return flag
 
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from beamrider.arrays import Floats
-from dynamics.rigid.equations import INSIDE, LIT_FROM_BEHIND, MOTION, STATE, Light, RigidSail, derivative
+from dynamics.rigid.equations import INSIDE, LIT_FROM_BEHIND, MOTION, STATE, Light, RigidSail, derivative, rotation
+from dynamics.rigid.towing import moving, overload
 from optics.table.pressure_table import TableArrays
 
 Tables = tuple[TableArrays, ...]
@@ -31,6 +32,7 @@ FLYING, FINISHED, FLY_AWAY, LEFT_TABLE, TURNED_OVER, NON_FINITE, STEP_TOO_SMALL,
 T, H, T_OLD, SPAN = range(4)  # of `clock`
 REASON, STEPS, EVALUATIONS, REJECTED, CLAMPED, ROW, KNOT, FRESH, DENSE, BAD = range(10)  # of `counts`
 _SCAN = 16  # places within a step where an event is looked for
+_LOOKS = 4  # places within a step where tethers are looked at
 
 
 class Terms(NamedTuple):
@@ -55,7 +57,8 @@ class Work(NamedTuple):
     clock: time, size of the next step, time before the last step and its size. y, y_old (17,): states there; slope
     (16, 17): of the stages, slope[0] that at `y_old`. dense (7, 17): interpolant of the last step. counts: reason to
     end, steps, …, row and stop that come next, component that was not finite. extremes (2,): largest distance from the
-    axis and tilt of the normal against it, in rad, at the steps so far. states (n, 17): at the rows.
+    axis and tilt of the normal against it, in rad, at the steps so far. states (n, 17): at the rows. All are longer by
+    the numbers of a payload.
     """
 
     clock: Floats
@@ -70,12 +73,12 @@ class Work(NamedTuple):
 
 
 def start(state: Floats, rows: int) -> Work:
-    """A flight at time 0 in a state (17,)."""
+    """A flight at time 0 in a state (17,), longer by its payload."""
     count = np.zeros(10, np.int64)
     count[FRESH], count[BAD] = 1, -1
     return Work(
-        np.zeros(4), state.copy(), state.copy(), np.zeros((16, STATE)), np.zeros((7, STATE)), np.zeros(STATE), count,
-        np.zeros(2), np.full((rows, STATE), np.nan),
+        np.zeros(4), state.copy(), state.copy(), np.zeros((16, state.size)), np.zeros((7, state.size)),
+        np.zeros(state.size), count, np.zeros(2), np.full((rows, state.size), np.nan),
     )
 
 
@@ -101,37 +104,44 @@ def _begin(sail: RigidSail, tables: Tables, light: Light, terms: Terms, work: Wo
     flag = derivative(sail, tables, light, t, y, slope[12])
     count[EVALUATIONS] += 2
     count[FRESH] = 0
-    if not _finite(slope[12], count):
+    if not _finite(slope[12], y.size, count):
         count[REASON] = NON_FINITE
         return
     count[REASON] = _reason(terms, y, flag)
     span = terms.stops[count[KNOT]] - t
-    size, speed = _norm(y, y, terms.tolerance), _norm(slope[12], y, terms.tolerance)
+    last = moving(sail.towing, STATE)
+    size, speed = _norm(y, y, terms.tolerance, last), _norm(slope[12], y, terms.tolerance, last)
     first = min(span, 1e-6 if size < 1e-5 or speed < 1e-5 else 0.01 * size / speed)
-    for i in range(STATE):
+    for i in range(y.size):
         work.trial[i] = y[i] + first * slope[12, i]
     derivative(sail, tables, light, t + first, work.trial, slope[1])
-    for i in range(STATE):
+    for i in range(y.size):
         slope[1, i] -= slope[12, i]
-    most = max(speed, _norm(slope[1], y, terms.tolerance) / first)
+    most = max(speed, _norm(slope[1], y, terms.tolerance, last) / first)
     second = max(1e-6, first * 1e-3) if most <= 1e-15 else (0.01 / most) ** (1.0 / 8.0)
     work.clock[H] = min(100.0 * first, second)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _norm(x: Floats, y: Floats, tolerance: float) -> float:
-    """Root mean square of x in units of the tolerated error at y; what the light has done has no say in the steps."""
+def _norm(x: Floats, y: Floats, tolerance: float, last: int) -> float:
+    """Root mean square of x in units of the tolerated error at y; what the light has done has no say in the steps.
+
+    last: end of the numbers that move.
+    """
     total = 0.0
     for i in range(MOTION):
         total += (x[i] / (tolerance * (1.0 + abs(y[i])))) ** 2
-    return math.sqrt(total / MOTION)
+    for i in range(STATE, last):
+        total += (x[i] / (tolerance * (1.0 + abs(y[i])))) ** 2
+    return math.sqrt(total / (MOTION + last - STATE))
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _finite(x: Floats, count: NDArray[np.int64]) -> bool:
+def _finite(x: Floats, size: int, count: NDArray[np.int64]) -> bool:
+    """Are states of so many numbers, one after the other, finite; notes which number is not."""
     for i in range(x.size):
         if not math.isfinite(x[i]):
-            count[BAD] = i % STATE
+            count[BAD] = i % size
             return False
     return True
 
@@ -154,9 +164,9 @@ def _stage(
     state[:] = 0.0
     for j in range(k):
         if A[k, j] != 0.0:
-            for i in range(STATE):
+            for i in range(state.size):
                 state[i] += A[k, j] * work.slope[j, i]
-    for i in range(STATE):
+    for i in range(state.size):
         state[i] = work.y_old[i] + h * state[i]
     work.counts[EVALUATIONS] += 1
     return derivative(sail, tables, light, t + C[k] * h, state, work.slope[k])
@@ -178,12 +188,13 @@ def _advance(sail: RigidSail, tables: Tables, light: Light, terms: Terms, work: 
         for k in range(1, STAGES):
             flag = max(flag, _stage(sail, tables, light, work, t, h, k, work.trial))
         ending = _stage(sail, tables, light, work, t, h, STAGES, work.trial)
-        error = _error(work, h, terms.tolerance)
+        error = _error(work, h, terms.tolerance, moving(sail.towing, STATE))
         count[BAD] = -1
         if error < 1.0:
             break
         count[REJECTED] += 1
-        clock[H] = h * (max(0.2, 0.9 * error ** (-1.0 / 8.0)) if _finite(work.slope[:13].ravel(), count) else 0.2)
+        finite = _finite(work.slope[:13].ravel(), work.y.size, count)
+        clock[H] = h * (max(0.2, 0.9 * error ** (-1.0 / 8.0)) if finite else 0.2)
         grow = 1.0
     clock[H] = h * (grow if error == 0.0 else min(grow, max(0.2, 0.9 * error ** (-1.0 / 8.0))))
     clock[T_OLD], clock[T], clock[SPAN] = t, (stop if h == stop - t else t + h), h
@@ -204,10 +215,12 @@ def _renormalise(y: Floats, slope: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _error(work: Work, h: float, tolerance: float) -> float:
-    """Error of a step in units of the tolerance (Hairer, §II.10, the combination of orders 5 and 3)."""
+def _error(work: Work, h: float, tolerance: float, last: int) -> float:
+    """Error of a step in units of the tolerance (Hairer, §II.10, the combination of orders 5 and 3); last: as above."""
     fifth, third = 0.0, 0.0
-    for i in range(MOTION):
+    for i in range(last):
+        if MOTION <= i < STATE:
+            continue
         five, three = 0.0, 0.0
         for k in range(13):
             five += E5[k] * work.slope[k, i]
@@ -217,13 +230,15 @@ def _error(work: Work, h: float, tolerance: float) -> float:
         third += (three / scale) ** 2
     if fifth == 0.0 and third == 0.0:
         return 0.0
-    return h * fifth / math.sqrt((fifth + 0.01 * third) * MOTION)
+    return h * fifth / math.sqrt((fifth + 0.01 * third) * (MOTION + last - STATE))
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _end_step(sail: RigidSail, tables: Tables, light: Light, terms: Terms, work: Work, flag: int) -> None:
     """After a step: events within it, rows, the next stop."""
     clock, count = work.clock, work.counts
+    if sail.towing.snaps:
+        _snap(sail, tables, light, work)
     if _reason(terms, work.y, flag) != FLYING:
         _search(sail, tables, light, terms, work)
     _widen(work.y, work.extremes)
@@ -274,9 +289,45 @@ def _search(sail: RigidSail, tables: Tables, light: Light, terms: Terms, work: W
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _snap(sail: RigidSail, tables: Tables, light: Light, work: Work) -> None:
+    """Move the end of the last step back to where a tether first is above its strength, if one is, and snap that."""
+    clock, t_old, t = work.clock, work.clock[T_OLD], work.clock[T]
+    before, k = t_old, -1
+    for i in range(1, _LOOKS + 1):
+        after = t if i == _LOOKS else t_old + (t - t_old) * i / _LOOKS
+        k = _overload_at(sail, tables, light, work, after)
+        if k >= 0:
+            break
+        before = after
+    if k < 0:
+        return
+    for _ in range(60):
+        middle = 0.5 * (before + after)
+        found = _overload_at(sail, tables, light, work, middle)
+        if found >= 0:
+            after, k = middle, found
+        else:
+            before = middle
+    if after < t:
+        _interpolate(sail, tables, light, work, after, work.y)
+        clock[T] = after
+    work.y[moving(sail.towing, STATE) + k] = 0.0
+    work.counts[FRESH] = 1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _overload_at(sail: RigidSail, tables: Tables, light: Light, work: Work, t: float) -> int:
+    """The first tether above its strength at a time within the last step, −1 if none is."""
+    state, turn = np.empty(work.y.size), np.empty((3, 3))
+    _interpolate(sail, tables, light, work, t, state)
+    rotation(state[6:10], turn)
+    return overload(sail.towing, STATE, turn, state)
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _reason_at(sail: RigidSail, tables: Tables, light: Light, terms: Terms, work: Work, t: float) -> int:
     """Reason to end at a time within the last step."""
-    state, slope = np.empty(STATE), np.empty(STATE)
+    state, slope = np.empty(work.y.size), np.empty(work.y.size)
     _interpolate(sail, tables, light, work, t, state)
     return _reason(terms, state, derivative(sail, tables, light, t, state, slope))
 
@@ -287,7 +338,7 @@ def _interpolate(sail: RigidSail, tables: Tables, light: Light, work: Work, t: f
     if not work.counts[DENSE]:
         _prepare(sail, tables, light, work)
     x = (t - work.clock[T_OLD]) / work.clock[SPAN]
-    for i in range(STATE):
+    for i in range(out.size):
         value = 0.0
         for k in range(6, -1, -1):
             value = (value + work.dense[k, i]) * (x if k % 2 == 0 else 1.0 - x)
@@ -300,7 +351,7 @@ def _prepare(sail: RigidSail, tables: Tables, light: Light, work: Work) -> None:
     h = work.clock[SPAN]
     for k in range(13, 16):
         _stage(sail, tables, light, work, work.clock[T_OLD], h, k, work.trial)
-    for i in range(STATE):
+    for i in range(work.y.size):
         rise = work.y[i] - work.y_old[i]
         work.dense[0, i] = rise
         work.dense[1, i] = h * work.slope[0, i] - rise

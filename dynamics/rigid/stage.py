@@ -26,6 +26,7 @@ from dynamics.light import pointing, pulse
 from dynamics.light.gaussian_rules import ERROR
 from dynamics.rigid import integrator as kernel
 from dynamics.rigid.body import RigidBody, Units, rigid_body
+from dynamics.rigid.payload_flight import TowedFlight, towed
 from dynamics.sail.attitude import angles_from_rotation, rotation_from_quaternion
 from dynamics.sail.forecast import require_rows, say_rigid
 from dynamics.sail.neglected import neglected, said
@@ -54,6 +55,7 @@ class RigidFlight:
     angular_velocity (n, 3) in rad/s, body components; work (n,) in J and angular_impulse (n, 3) in kg m²/s, lab
     components, of the light on the sail since release. end_place: where a flight broke off whose numbers failed.
     clamped_steps counts steps that ended outside a table; evaluations those of the equations of motion.
+    payload: of a sail that carries one.
     """
 
     time: Floats
@@ -71,6 +73,7 @@ class RigidFlight:
     evaluations: int
     clamped_steps: int
     wall_seconds: float
+    payload: TowedFlight | None = None
 
     @property
     def rotation(self) -> Floats:
@@ -124,19 +127,20 @@ def fly(
         check_place(scene, state[:2] * body.units.length)
     else:
         state[: kernel.MOTION] = np.asarray(start, float) / body.units.state[: kernel.MOTION]
+        state = body.loaded(state[: kernel.STATE])
     terms = terms_of(scene, body.units)
     work = kernel.start(state, terms.rows.size)
     steps, seconds = step_seconds(body, terms, work)
     say_rigid(scene, rows, steps, seconds)
     _integrate(body, terms, work, scene.name)
     times, states = _rows(terms, work)
-    si = states * body.units.state
+    si = states * body.scale
     si[:, 6:10] /= np.linalg.norm(si[:, 6:10], axis=1, keepdims=True)
     steps, evaluations, clamped = (int(work.counts[i]) for i in (kernel.STEPS, kernel.EVALUATIONS, kernel.CLAMPED))
     return RigidFlight(
-        times * body.units.time, si[:, :3], si[:, 3:6], si[:, 6:10], si[:, 10:13], si[:, 13], si[:, 14:],
+        times * body.units.time, si[:, :3], si[:, 3:6], si[:, 6:10], si[:, 10:13], si[:, 13], si[:, 14:17],
         body.shape.mass, body.shape.inertia, REASONS[work.counts[kernel.REASON]], _place(work, body.units), steps,
-        evaluations, clamped, watch.seconds,
+        evaluations, clamped, watch.seconds, towed(body, states, si),
     )
 
 
@@ -192,7 +196,8 @@ def _place(work: kernel.Work, units: Units) -> str:
     if work.counts[kernel.REASON] not in (kernel.NON_FINITE, kernel.STEP_TOO_SMALL, kernel.TOO_MANY_STEPS):
         return ""
     bad = work.counts[kernel.BAD]
-    what = "" if bad < 0 else f"rate of {COMPONENTS[bad]} not finite, "
+    name = COMPONENTS[bad] if bad < len(COMPONENTS) else "payload"
+    what = "" if bad < 0 else f"rate of {name} not finite, "
     x, y, z = work.y[:3] * units.length
     return f"{what}t = {work.clock[kernel.T] * units.time:.9g} s, x = {x:.6g} m, y = {y:.6g} m, z = {z:.6g} m"
 
@@ -223,6 +228,10 @@ def write(
         "angular_impulse": (flight.angular_impulse, "kg m2/s"),
         "angular_momentum_balance": (flight.momentum_balance, "kg m2/s"),
     }
+    if flight.payload is not None:
+        # The balances are those of a sail on which nothing but light acts
+        columns = {name: values for name, values in columns.items() if not name.endswith("_balance")}
+        columns |= flight.payload.columns()
     with new_hdf5(path) as file:
         for name, (values, unit) in columns.items():
             file.create_dataset(name, data=values).attrs["units"] = unit

@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from beamrider.io.files import DIMENSIONLESS, InputError, Name, Pair, Positive, Strict, read_model
 from dynamics.light.beam import Beam as Beam
 from dynamics.light.beam import Rate as Rate
+from dynamics.scene.body_schema import Held, Payload, Payloads
 from dynamics.scene.sail_schema import Fraction, Region, Sail
 
 #: Longest time in s that a scene may speak of, 30 years; most steps and intervals of steps.
@@ -171,6 +172,10 @@ class Effects(Strict):
     """Thermal expansion."""
     damping: bool | None = None
     """Internal damping of the materials."""
+    held: bool | None = None
+    """What holds the sail."""
+    payload: bool | None = None
+    """Point masses on tethers."""
     tensile_failure: bool | None = None
     """Tearing at the materials' strength."""
     thermal_failure: bool | None = None
@@ -211,6 +216,10 @@ class Scene(Strict):
     """Settings of rigid flight."""
     flight: Flight = Flight()
     """Settings of flexible flight."""
+    held: Held | None = None
+    """What holds a sail that is not released."""
+    payload: Payloads = []
+    """Point masses on tethers."""
     reflections: Reflections = Reflections()
     """Settings of light between the sail's parts."""
     effects: Effects = Effects()
@@ -224,6 +233,25 @@ class Scene(Strict):
     def tabled(self, region: Region) -> bool:
         """Does the absorptance of a region come from its design's table."""
         return self.absorptance == "table" and region.design is not None
+
+    @property
+    def holding(self) -> Held | None:
+        """What holds the sail, None where nothing does or the effect is off."""
+        return self.held if self.effects.held is not False else None
+
+    @property
+    def carried(self) -> list[Payload]:
+        """The point masses that fly with the sail: none where the effect is off."""
+        return self.payload if self.effects.payload is not False else []
+
+    @model_validator(mode="after")
+    def _bodies(self) -> Scene:
+        for name in ("held", "payload"):
+            if getattr(self.effects, name) and not getattr(self, name):
+                raise ValueError(f"effects.{name} = true: needs {name}, which the scene does not give")
+        if self.holding is not None and self.release.spin_Hz != 0.0:
+            raise ValueError(f"release.spin_Hz = {self.release.spin_Hz:g}: must be 0 for a sail that is held")
+        return self
 
     @model_validator(mode="after")
     def _polarised(self) -> Scene:

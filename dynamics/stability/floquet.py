@@ -27,6 +27,7 @@ from dynamics.sail.table_error import missed, said_missed
 from dynamics.scene import schema as scenes
 from dynamics.stability.derivatives import COLUMNS, ROWS, error_modes, imbalance, linearise
 from dynamics.stability.linear import RESOLUTION, LinearModel, growth, margin, over_a_turn
+from dynamics.stability.towed import towed
 from optics.table.normal_incidence import table_response
 from optics.table.pressure_table import PressureTable
 
@@ -41,11 +42,11 @@ BETTER = (0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4)  # shares of the tables' errors with
 class Stability:
     """Outcome of the analysis.
 
-    monodromy, corotating (8,): multipliers by the two routes; corotating is None where the system is periodic in any
-    axes: with yaw-blind incidence, or a sail that turns in a beam that is not round. max_modulus: the largest modulus,
-    and modulus_range its lowest and highest value within the errors of the tables; without spin over one time unit t₀.
-    margin, margin_range in 1/s, alike. condition: of the
-    eigenvectors; a defective sail's motion grows as t even with every modulus 1.
+    monodromy, corotating (8,), longer with a payload: multipliers by the two routes; corotating is None where the
+    system is periodic in any axes: with yaw-blind incidence, or a sail that turns in a beam that is not round.
+    max_modulus: the largest modulus, and modulus_range its lowest and highest value within the errors of the tables;
+    without spin over one time unit t₀. margin, margin_range in 1/s, alike, of a damped sail the rate of decay.
+    condition: of the eigenvectors; a defective sail's motion grows as t even with every modulus 1.
     """
 
     model: LinearModel
@@ -83,8 +84,11 @@ class Stability:
     def verdict(self) -> str:
         """'unstable' or 'marginally_stable' when every model within the tables' errors is; otherwise 'undecided'.
 
-        So is a sail on the very edge, whose eigenvectors coincide.
+        So is a sail on the very edge, whose eigenvectors coincide. 'asymptotically_stable' where damping makes every
+        motion die away.
         """
+        if self.model.damped and self.modulus_range[1] < 1.0 - RESOLUTION:
+            return "asymptotically_stable"
         if self.max_modulus > 1.0 + self.tolerance:
             return "unstable"
         calm = self.modulus_range[1] <= 1.0 + RESOLUTION and self.condition < DEFECTIVE
@@ -165,6 +169,10 @@ def analyse(scene: scenes.Scene, tables: dict[str, PressureTable]) -> Stability:
         raise InputError(f"{scene.name}.yaml: beam: must be round for a stability analysis with incidence: yaw_blind")
     mean, waves = over_a_turn(jacobian) if turning else (jacobian, np.zeros((0, 4, 4), complex))
     model = LinearModel(mean, np.array(thrust), body.sail.inertia[:2, :2], spin, yaw_blind, waves)
+    if scene.carried:
+        if turning:
+            raise InputError(f"{scene.name}.yaml: beam: must be round for a stability analysis with payload")
+        model = towed(body, jacobian, thrust, spin, scene)
     return assess(model, error_modes(scene, tables, body), body.units.time)
 
 
@@ -179,22 +187,28 @@ def assess(model: LinearModel, modes: list[tuple[Floats, float]], unit: float = 
     monodromy = model.monodromy()
     rate = float(model.period) * unit
     exponents = model.exponents()
-    largest, room = float(np.exp(growth(exponents))), float(margin(exponents, model.periodic)) / rate
+    largest, room = float(np.exp(growth(exponents))), float(_room(model, exponents)) / rate
     moduli, rooms = np.array([largest]), np.array([room])
     if modes:
-        exponents = _within_errors(model, modes).exponents()
+        varied = _within_errors(model, modes)
+        exponents = varied.exponents()
         moduli = np.append(moduli, np.exp(growth(exponents)))
-        rooms = np.append(rooms, margin(exponents, model.periodic) / rate)
+        rooms = np.append(rooms, _room(varied, exponents) / rate)
     return Stability(
         model, eigenvalues(monodromy), None if model.periodic else eigenvalues(model.turn_matrix()), largest,
         (float(moduli.min()), float(moduli.max())), room, (float(rooms.min()), float(rooms.max())), _condition(model),
     )
 
 
+def _room(model: LinearModel, exponents: list[Complexes]) -> Floats:
+    """Margins (...,) a turn: of a damped sail the rate at which the slowest motion dies away."""
+    return -growth(exponents) if model.damped else margin(exponents, model.periodic)
+
+
 def _condition(model: LinearModel) -> float:
     """Condition of the eigenvectors, each of length 1, of the matrix whose eigenvalues decide."""
     matrix = model.monodromy() if model.periodic else model.corotating()
-    scale = np.ones(8) if model.periodic else np.tile(np.repeat([1.0, _rate(matrix)], 2), 2)
+    scale = np.ones(8) if model.periodic else np.tile(np.repeat([1.0, _rate(matrix)], 2), model.size // 4)
     return float(np.linalg.cond(np.linalg.eig(matrix * (scale / scale[:, None]))[1]))
 
 

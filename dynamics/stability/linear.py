@@ -51,6 +51,16 @@ class LinearModel:
         return self.yaw_blind or self.waves.shape[-3] > 0
 
     @property
+    def size(self) -> int:
+        """Numbers of a state."""
+        return 8
+
+    @property
+    def damped(self) -> bool:
+        """Does anything take up energy, so that motions may die away."""
+        return False
+
+    @property
     def period(self) -> Any:
         """Time (...,) of one turn; one unit of time for a sail that doesn't spin."""
         spin = np.abs(self.spin)
@@ -99,8 +109,8 @@ class LinearModel:
 
     def monodromy(self, tolerance: float = 1e-13) -> Floats:
         """Φ(T) (..., 8, 8) of Φ̇ = J(t) Φ, Φ(0) = 1, in the lab (Hale, Ordinary Differential Equations, §III.7)."""
-        shape = (*self.jacobian.shape[:-2], 8, 8)
-        start = np.broadcast_to(np.eye(8), shape).ravel()
+        shape = (*self.jacobian.shape[:-2], self.size, self.size)
+        start = np.broadcast_to(np.eye(self.size), shape).ravel()
 
         def slope(t: float, y: Floats) -> Floats:
             return np.asarray(self.lab(t) @ y.reshape(shape)).ravel()

@@ -156,6 +156,8 @@ def screen(scene: scenes.Scene, members: pd.DataFrame, cells: pd.DataFrame) -> p
     'impossible' where a cell is none or has no derivative, 'unresolved' where its orders did not resolve it: then
     neither its numbers nor their errors decide anything, and it is never ranked.
     """
+    if scene.carried:
+        raise InputError(f"{scene.name}.yaml: payload: must be left out, or effects.payload be false, for a screening")
     known = cells.dropna().set_index("cell").sort_index()
     numbers = members[[f"{group}_cell" for group in GROUPS]]
     missing = set(np.unique(numbers)) - set(cells["cell"]) - {-1}

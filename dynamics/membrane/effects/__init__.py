@@ -20,13 +20,15 @@ order of the list, and return at once where the effect is off:
     write(model, work, state, centre, row)           write its own columns, a part of the row; centre (3,) of mass
 
 Forces of springs and sheet and the held light are summed row by row (`layout.sweep`), many steps at once and by several
-threads; what fails is found there. Step and threads call these three by name.
+threads; what fails is found there. Step and threads call these three by name, and the step moves
+the masses on `tethers`.
 """
 
 from types import ModuleType
 
 from dynamics.membrane.effects import (
     damping,
+    held,
     light_pressure,
     properties,
     reflections,
@@ -34,6 +36,7 @@ from dynamics.membrane.effects import (
     spin,
     springs,
     tearing,
+    tethers,
     thermal,
 )
 
@@ -46,5 +49,7 @@ EFFECTS: tuple[ModuleType, ...] = (
     sheet,
     properties,
     damping,
+    held,
+    tethers,
     tearing,
 )

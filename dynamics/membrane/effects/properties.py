@@ -196,7 +196,7 @@ def grow(
         if curve.region[i] >= 0:
             stretch = 1.0 + integral(curve, i, _mean(corners, temperature, i))
             for side in range(3):
-                free[layout.slots[side * t + i]] = stretch * stretch * sheet.rest[side * t + i]
+                free[layout.slots[side * t + i]] = stretch * stretch * sheet.free[side * t + i]
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -22,6 +22,7 @@ import numpy as np
 from beamrider.arrays import Floats, Indices
 from beamrider.machine_code.standalone import standalone
 from dynamics.membrane.arrays import Model, WorkSpace
+from dynamics.membrane.bodies import free_squares
 from dynamics.membrane.effects import springs
 from dynamics.membrane.effects.interface import (
     Decision,
@@ -64,7 +65,8 @@ PLAN = {"expansion": needs_heat(_expansion)}
 class Sheet(NamedTuple):
     """Triangles as elastic elements, all arrays empty where springs carry the load.
 
-    sides (3t,): edges of the sides 01, then 12, then 20 of all triangles. rest (3t,): their squared rest lengths in m².
+    sides (3t,): edges of the sides 01, then 12, then 20 of all triangles. rest (3t,): their squared rest lengths in m²,
+    free (3t,): the squared free ones at 300 K, the same but for a sail under a tension of its own.
     cotangent (3t,): of the opposite rest angles. area (t,): 4A in m². modulus (t,): h Y/(8(1 − ν²)A) in N/m³; shear
     (t,): modulus · (1 − ν). poisson (t,). slots (2, e): positions, in [the 3t sides, 0], of the tensions of each edge,
     empty without damping and where no triangle is removed.
@@ -74,6 +76,7 @@ class Sheet(NamedTuple):
 
     sides: Indices
     rest: Floats
+    free: Floats
     cotangent: Floats
     area: Floats
     modulus: Floats
@@ -108,9 +111,9 @@ def build(setup: Setup) -> Sheet:
     lists = np.empty((2, 0), np.uint32)
     if on and (setup.on("damping") or scene.flight.on_failure == "remove"):
         lists = slots(of_edges, len(mesh.edges), np.arange(3 * t), 3 * t)
-    modulus = sheet_modulus(sail, mesh)
+    modulus, rest = sheet_modulus(sail, mesh), only_if(on, mesh.lengths[of_edges] ** 2)
     return Sheet(
-        sides=unsigned(of_edges if on else []), rest=only_if(on, mesh.lengths[of_edges] ** 2),
+        sides=unsigned(of_edges if on else []), rest=rest, free=free_squares(scene, mesh, rest),
         cotangent=only_if(on, cotangents(mesh).T.ravel()), area=only_if(on, 4.0 * mesh.areas),
         modulus=only_if(on, modulus), shear=only_if(on, modulus * (1.0 - poisson)), poisson=only_if(on, poisson),
         slots=lists, limit=only_if(on and setup.on("tensile_failure"), limit),
@@ -157,7 +160,7 @@ def grow(sheet: Sheet, layout: Stencil, corners: Indices, temperature: Floats, o
 
     out (f, 3, p): as in `StencilWork.free`.
     """
-    alpha, rest, slots, free = sheet.expansion, sheet.rest, layout.slots, out.reshape(-1)
+    alpha, rest, slots, free = sheet.expansion, sheet.free, layout.slots, out.reshape(-1)
     t = alpha.size
     c0, c1, c2 = corners[0], corners[1], corners[2]
     for i in range(t):

@@ -72,12 +72,13 @@ def angular_acceleration(spin: SpinUp, step: int, dt: float, masses: Floats, x: 
 
 
 @numba.njit(cache=True, error_model="numpy")
-def kick(spin: SpinUp, step: int, dt: float, masses: Floats, x: Floats, v: Floats) -> None:
-    """Add the impulse of m α ẑ × x over the time dt in s to velocities v (3, n) of nodes x (3, n)."""
+def kick(spin: SpinUp, step: int, dt: float, masses: Floats, x: Floats, v: Floats) -> float:
+    """Add the impulse of m α ẑ × x over the time dt in s to velocities v (3, n) of nodes x (3, n); α dt in rad/s."""
     turn = dt * angular_acceleration(spin, step, dt, masses, x, v)
     for i in range(masses.size):
         v[0, i] -= turn * x[1, i]
         v[1, i] += turn * x[0, i]
+    return turn
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -23,7 +23,7 @@ from beamrider.io.checksum import append_checksum
 from beamrider.io.files import atomic
 from beamrider.io.hdf5 import new_hdf5
 from beamrider.provenance.record import as_attribute
-from dynamics.membrane.output.record import COLUMNS, SIZES
+from dynamics.membrane.output.record import COLUMNS, SIZES, WIDTH
 from dynamics.sail.attitude import angles_from_rotation
 from dynamics.sail.mesh import Mesh
 
@@ -71,8 +71,13 @@ def spin_rate(turn: Floats, momentum: Floats, inertia: Floats) -> Floats:
     return np.sum(omega * turn[:, :, 2], axis=1) / (2.0 * np.pi)
 
 
-def series(rows: Floats, start_temperature: float | None = None) -> dict[str, tuple[Floats, str]]:
-    """Columns and units of /series from the rows (k, WIDTH), at a constant `start_temperature` if it is given."""
+def series(
+    rows: Floats, start_temperature: float | None = None, more: Mapping[str, tuple[int, str]] | None = None
+) -> dict[str, tuple[Floats, str]]:
+    """Columns and units of /series from the rows (k, WIDTH), at a constant `start_temperature` if it is given.
+
+    more: widths and units of columns behind WIDTH, by name; vectors stay one after the other.
+    """
 
     def column(name: str, width: int) -> Floats:
         values = rows[:, COLUMNS[name] : COLUMNS[name] + width]
@@ -86,6 +91,10 @@ def series(rows: Floats, start_temperature: float | None = None) -> dict[str, tu
     for name, angle in zip(("roll", "pitch", "yaw"), angles_from_rotation(turn), strict=True):
         result[name] = (angle, "rad")
     result["spin"] = (spin_rate(turn, column("angular_momentum", 3), column("inertia", 6)), "Hz")
+    begin = WIDTH
+    for name, (width, unit) in (more or {}).items():
+        result[name] = (rows[:, begin : begin + width], unit)
+        begin += width
     return result
 
 

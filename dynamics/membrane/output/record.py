@@ -9,7 +9,7 @@ from beamrider.arrays import Floats
 from beamrider.machine_code.standalone import standalone
 from beamrider.machine_code.streams import streams, uncounted
 from dynamics.membrane.arrays import Model, WorkSpace
-from dynamics.membrane.effects import failure, tearing
+from dynamics.membrane.effects import failure, tearing, tethers
 from dynamics.membrane.effects.composition import columns_from, writing
 from dynamics.membrane.layout.triangles import total
 from dynamics.membrane.state import State
@@ -70,7 +70,7 @@ def motion(masses: Floats, rest: Floats, x: Floats, v: Floats, row: Floats) -> N
 
 @standalone(_nrt=False)
 def write_row(model: Model, state: State, work: WorkSpace, n: int, row: Floats) -> int:
-    """One row (WIDTH,) about the state at step n; INTACT, FLY_AWAY, BROKEN or NON_FINITE."""
+    """One row (WIDTH,), longer with a payload, about the state at step n; INTACT, FLY_AWAY, BROKEN or NON_FINITE."""
     for i in range(row.size):
         row[i] = 0.0
     row[TIME] = (n - model.release) * model.dt
@@ -78,6 +78,8 @@ def write_row(model: Model, state: State, work: WorkSpace, n: int, row: Floats) 
     for c in range(3):
         row[IMPULSE + c] = state.impulse[c]
     _write_effects(model, work, state, row[POSITION : POSITION + 3], row)
+    if row.size > WIDTH:
+        tethers.note(work.effects.tethers, row[WIDTH:])
     for i in range(row.size):
         if not math.isfinite(row[i]):
             return failure.NON_FINITE

@@ -14,7 +14,7 @@ from beamrider.machine_code.standalone import standalone
 from beamrider.machine_code.streams import uncounted
 from dynamics.light.aim import aim
 from dynamics.membrane.arrays import Model, WorkSpace
-from dynamics.membrane.effects import composition, failure, properties, sheet, tearing, thermal
+from dynamics.membrane.effects import composition, failure, properties, sheet, tearing, tethers, thermal
 from dynamics.membrane.effects.spin import extrapolate, kick
 from dynamics.membrane.layout.rows import StepTimes, gather, scatter, stiffen
 from dynamics.membrane.layout.sweep import add_up
@@ -151,7 +151,8 @@ def step(model: Model, state: State, work: WorkSpace, n: int, fresh: bool, most:
     """
     integrator, dt, every = model.integrator, model.dt, model.effects.heat.every
     if not fresh and n < model.effects.spin_up.steps:
-        kick(model.effects.spin_up, n, dt, model.masses, state.x, state.v)
+        turn = kick(model.effects.spin_up, n, dt, model.masses, state.x, state.v)
+        tethers.turn_on(work.effects.tethers, turn)
     evaluations = 4 if integrator == RK4 and not fresh else 1
     now = n if fresh else n + 1
     for k in range(evaluations):
@@ -160,6 +161,7 @@ def step(model: Model, state: State, work: WorkSpace, n: int, fresh: bool, most:
         if not fresh:
             acts = advance(integrator, dt, work.acceleration, state, work.stage, k)
             add_impulse(work.gain[0], work.effects.light.total, acts, state.impulse)
+            tethers.drift(work.effects.tethers, acts, dt)
             if model.warm:
                 warmed, heating = advance_heat(
                     integrator, dt, every, work.effects.heat.rate, state, work.stage, n - model.release, k
@@ -182,6 +184,7 @@ def step(model: Model, state: State, work: WorkSpace, n: int, fresh: bool, most:
     if integrator == VERLET and not fresh:
         accumulate(state.v, 0.5 * dt, work.acceleration)
         add_impulse(work.gain[0], work.effects.light.total, 0.5 * dt, state.impulse)
+        tethers.settle(work.effects.tethers, dt)
     return failure.INTACT, now
 
 

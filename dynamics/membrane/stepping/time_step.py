@@ -28,7 +28,12 @@ def damped_share(scene: Scene, omega: float) -> float:
                 f"{scene.name}.yaml: flight.{key} = '{getattr(flight, key)}': must be {' or '.join(allowed)} where a "
                 "material has damping"
             )
-    zeta = 0.5 * omega * max(region.properties.damping_s for region in scene.sail.regions)
+    return viscous_share(omega, max(region.properties.damping_s for region in scene.sail.regions))
+
+
+def viscous_share(omega: float, retardation: float) -> float:
+    """Share of the stability bound at a highest frequency ω in rad/s and a retardation time τ in s."""
+    zeta = 0.5 * omega * retardation
     return 1.0 / (math.hypot(1.0, zeta) + zeta)
 
 
