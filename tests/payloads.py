@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 
+#: Released at rest, in the middle of the beam.
+STILL = {"offset_m": [0.0, 0.0], "pitch_deg": 0.0, "roll_deg": 0.0, "spin_Hz": 0.0}
+
 
 def ring(lines: int, radius: float, stiffness: float, from_deg: float = 0.0, **more: Any) -> list[dict[str, Any]]:
     """So many tethers to places at a radius in m, evenly from a polar angle on."""

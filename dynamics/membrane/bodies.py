@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix, diags, eye, kron
 
 from beamrider.arrays import Floats
 from beamrider.io.files import InputError
-from dynamics.membrane.lattice import membrane_thickness, per_triangle
+from dynamics.membrane.lattice import highest_frequency, membrane_thickness, per_triangle
 from dynamics.sail import payload
 from dynamics.sail.attitude import rotation_from_angles
 from dynamics.sail.held import free_share, supports
@@ -52,6 +52,18 @@ def free_squares(scene: Scene, mesh: Mesh, rest: Floats) -> Floats:
     return np.asarray(rest * np.tile(share, 3))
 
 
+def _links(scene: Scene, mesh: Mesh, each: Floats) -> csr_matrix:
+    """Matrix (n + b, n + b) of links of `each` (k,) between the n nodes and b masses that the tethers join."""
+    tethers = payload.tethers(scene.carried)
+    corners, weights = payload.on_mesh(tethers.to, mesh, f"{scene.name}.yaml")
+    n, b, k = len(mesh.nodes), tethers.mass.size, tethers.body.size
+    rows = np.concatenate([corners.T, n + tethers.body[None]])
+    shares = np.concatenate([weights.T, -np.ones((1, k))])
+    line = np.broadcast_to(np.arange(k), rows.shape)
+    along = csr_matrix((shares.ravel(), (line.ravel(), rows.ravel())), shape=(k, n + b))
+    return (along.T @ diags(each) @ along).tocsr()
+
+
 def stiffened(scene: Scene, mesh: Mesh, matrix: csr_matrix, masses: Floats) -> tuple[csr_matrix, Floats]:
     """K (3n + 3b, 3n + 3b) in N/m with springs and tethers, and all masses (n + b,), for the time step.
 
@@ -61,20 +73,24 @@ def stiffened(scene: Scene, mesh: Mesh, matrix: csr_matrix, masses: Floats) -> t
     if scene.holding is None and not scene.carried:
         return matrix, masses
     tethers = payload.tethers(scene.carried)
-    corners, weights = payload.on_mesh(tethers.to, mesh, f"{scene.name}.yaml")
     n, b = masses.size, tethers.mass.size
     extra = np.zeros(n + b)
     if scene.holding is not None:
         found = supports(scene.holding, mesh)
         np.add.at(extra, found.sprung, found.stiffness)
-    rows = np.concatenate([corners.T, n + tethers.body[None]])
-    shares = np.concatenate([weights.T, -np.ones((1, tethers.body.size))])
-    line = np.broadcast_to(np.arange(tethers.body.size), rows.shape)
-    along = csr_matrix((shares.ravel(), (line.ravel(), rows.ravel())), shape=(tethers.body.size, n + b))
-    links = along.T @ diags(tethers.stiffness) @ along + diags(extra)
+    links = _links(scene, mesh, tethers.stiffness) + diags(extra)
     grown = csr_matrix((matrix.data, matrix.indices, np.append(matrix.indptr, np.full(3 * b, matrix.indptr[-1]))),
                        shape=(3 * (n + b), 3 * (n + b)))
     return (grown + kron(links, eye(3))).tocsr(), np.append(masses, tethers.mass)
+
+
+def loss_rate(scene: Scene, mesh: Mesh, masses: Floats) -> float:
+    """Largest eigenvalue in 1/s of M⁻¹C, C the damping of the tethers as if each resisted in every direction."""
+    tethers = payload.tethers(scene.carried)
+    losses = tethers.stiffness * tethers.retardation
+    if not losses.any():
+        return 0.0
+    return highest_frequency(kron(_links(scene, mesh, losses), eye(3)).tocsr(), np.append(masses, tethers.mass)) ** 2
 
 
 def check_bodies(scene: Scene) -> None:
@@ -100,8 +116,3 @@ def check_drag(scene: Scene, dt: float) -> None:
             f"{scene.name}.yaml: held.drag_1_s = {held.drag_1_s:g}: must be at most {MOST_DRAG / dt:.3g}, a tenth over "
             f"the time step {dt:.3g} s"
         )
-
-
-def slowest_tether(scene: Scene) -> float:
-    """Longest retardation time in s of the tethers, 0 without any."""
-    return max((line.damping_s for body in scene.carried for line in body.tethers), default=0.0)

@@ -27,7 +27,7 @@ from dynamics.membrane.plan import plan
 from dynamics.membrane.row_layout import layout, with_springs
 from dynamics.membrane.stepping import corotating_setup, integrators
 from dynamics.membrane.stepping.corotating import Corotating
-from dynamics.membrane.stepping.time_step import check_heat, damped_share, highest_absorptances, viscous_share
+from dynamics.membrane.stepping.time_step import check_heat, highest_absorptances, retardation, viscous_share
 from dynamics.sail.caught_light import check_light
 from dynamics.sail.masses import designed
 from dynamics.sail.mesh import Mesh, sail_mesh
@@ -67,15 +67,14 @@ class Membrane:
 
 def time_step(scene: Scene, mesh: Mesh, lat: Lattice) -> float:
     """The scene's time step in s, or MARGIN · 2/ω_max and at most 1° of turn; InputError above the stability bound."""
-    flight, share = scene.flight, 1.0
+    flight = scene.flight
     if flight.integrator == "corotating":
         return corotating_setup.time_step(scene)
     springs = lat.stiffness.size > 0
     matrix = stiffness_matrix(mesh, lat.stiffness) if springs else sheet_matrix(scene.sail, mesh)
     omega = highest_frequency(*bodies.stiffened(scene, mesh, matrix, lat.masses))
-    if plan(scene)["damping"].on:
-        share = damped_share(scene, omega)
-    share = min(share, viscous_share(omega, bodies.slowest_tether(scene)))
+    slowness = retardation(scene) if plan(scene)["damping"].on else 0.0
+    share = viscous_share(0.5 * omega * slowness + 0.5 * bodies.loss_rate(scene, mesh, lat.masses) / omega)
     bound = share * STABILITY[flight.integrator] / omega
     if flight.time_step_s is None:
         turn = 1.0 / (360.0 * abs(scene.release.spin_Hz)) if scene.release.spin_Hz else math.inf

@@ -181,10 +181,9 @@ class Flight:
             return False
         rows, row = self.journal.rows, record.COLUMNS
         since = (self.step - self._frame_steps - self.model.release) * self.model.dt
-        lately = rows[rows[:, row["time"]] >= since]
-        whole = np.sum(lately[:, row["velocity"] : row["velocity"] + 3] ** 2, axis=1)
-        square = 2.0 * lately[:, row["energy_kinetic"]] / self.model.masses.sum() + whole
-        return bool(np.sqrt(square.max(initial=0.0)) < held.rest_speed_m_s) and lately.size > 0
+        lately = rows[rows[:, row["time"]] >= since, row["energy_kinetic"]]
+        speed = np.sqrt(2.0 * lately.max(initial=0.0) / self.model.masses.sum())
+        return bool(lately.size > 0 and speed < held.rest_speed_m_s)
 
     def _run(self, start: int, stop: int, fresh: bool) -> tuple[int, int, int]:
         """Steps from start to stop, with the other threads at their side: failure code, step reached, rows written."""

@@ -20,8 +20,8 @@ order of the list, and return at once where the effect is off:
     write(model, work, state, centre, row)           write its own columns, a part of the row; centre (3,) of mass
 
 Forces of springs and sheet and the held light are summed row by row (`layout.sweep`), many steps at once and by several
-threads; what fails is found there. Step and threads call these three by name, and the step moves
-the masses on `tethers`.
+threads; what fails is found there. Step and threads call these three by name. The step moves the masses on `tethers`
+with the nodes.
 """
 
 from types import ModuleType

@@ -15,6 +15,7 @@ import numpy as np
 from beamrider.arrays import Floats
 from beamrider.machine_code.standalone import standalone
 from dynamics.membrane.arrays import Model, WorkSpace
+from dynamics.membrane.bodies import inertial
 from dynamics.membrane.effects.interface import Decision, Plan, Setup, hook, only_if
 from dynamics.membrane.effects.sheet import Sheet, SheetWork
 from dynamics.membrane.effects.springs import Springs, collect, negate, separations
@@ -34,7 +35,10 @@ PLAN = {"damping": _damping}
 
 
 class Damping(NamedTuple):
-    """time (t,): retardation time τ in s of the triangles; per_mass (n,) in 1/kg. Empty where it is off."""
+    """time (t,): retardation time τ in s of the triangles; per_mass (n,) in 1/kg, 0 for nodes that are held fast.
+
+    Empty where it is off.
+    """
 
     time: Floats
     per_mass: Floats
@@ -54,10 +58,10 @@ class DampingWork(NamedTuple):
 
 def build(setup: Setup) -> Damping:
     """Retardation times of the materials."""
-    on = setup.on("damping")
+    on, scene, mesh = setup.on("damping"), setup.scene, setup.mesh
     return Damping(
-        time=only_if(on, per_triangle(setup.scene.sail, setup.mesh, "damping_s")),
-        per_mass=only_if(on, 1.0 / setup.lattice.masses),
+        time=only_if(on, per_triangle(scene.sail, mesh, "damping_s")),
+        per_mass=only_if(on, 1.0 / inertial(scene, mesh, setup.lattice.masses)),
     )
 
 

@@ -16,11 +16,8 @@ from dynamics.scene.schema import Scene
 from optics.table.pressure_table import PressureTable
 
 
-def damped_share(scene: Scene, omega: float) -> float:
-    """Share √(1 + ζ²) − ζ, ζ = ωτ/2, of the stability bound that damping leaves (Belytschko et al., §6.6).
-
-    The viscous forces are those of the velocity half a step ago. InputError where they are not computed.
-    """
+def retardation(scene: Scene) -> float:
+    """Longest retardation time in s of the materials; InputError where their viscous forces are not computed."""
     flight = scene.flight
     for key, allowed in (("stiffness", ("triangles",)), ("integrator", ("semi_implicit_euler", "verlet"))):
         if getattr(flight, key) not in allowed:
@@ -28,12 +25,16 @@ def damped_share(scene: Scene, omega: float) -> float:
                 f"{scene.name}.yaml: flight.{key} = '{getattr(flight, key)}': must be {' or '.join(allowed)} where a "
                 "material has damping"
             )
-    return viscous_share(omega, max(region.properties.damping_s for region in scene.sail.regions))
+    return max(region.properties.damping_s for region in scene.sail.regions)
 
 
-def viscous_share(omega: float, retardation: float) -> float:
-    """Share of the stability bound at a highest frequency ω in rad/s and a retardation time τ in s."""
-    zeta = 0.5 * omega * retardation
+def viscous_share(zeta: float) -> float:
+    """Share √(1 + ζ²) − ζ of the stability bound that a damping ratio ζ leaves (Belytschko et al., §6.6).
+
+    The viscous forces are those of the velocity half a step ago. A step Δt of a sail of stiffness K, damping C and mass
+    M is stable where no eigenvalue of M⁻¹(Δt² K + 2 Δt C) exceeds 4; with those of M⁻¹K at most ω² and of M⁻¹C at most
+    λ that is so up to this share of 2/ω, ζ = λ/(2ω).
+    """
     return 1.0 / (math.hypot(1.0, zeta) + zeta)
 
 

@@ -33,6 +33,28 @@ def test_a_pendulum_on_a_held_node_swings_and_pulls_as_it_should():
     assert tension.mean() == pytest.approx(mass * gravity * (1.0 + angle**2 / 4.0), rel=1e-2)
 
 
+def test_a_mass_on_damped_struts_within_its_sail_dies_down():
+    """s̈ + (K τ/μ) ṡ + (K/μ) s = 0 of its way s from the sail's middle: K = Σ k cos², μ the reduced mass.
+
+    The film is 2e4 times as stiff as the struts, which turn by (s/ℓ)² of their force.
+    """
+    mass, each, delay, aside = 1e-4, 5.0, 2e-3, 1e-3
+    struts = ring(4, 0.3, each, damping_s=delay, length_m=0.3, pushes=True)
+    scene = dark(
+        rings=3, payload=[{"mass_kg": mass, "position_m": [aside, 0.0, 0.0], "tethers": struts}],
+        flight={"duration_s": 3e-2, "series_every": 16},
+    )
+    flight, _, columns = fly(scene, {})
+    found = columns["payload_position"][:, 0] - columns["position"][:, 0]
+    sail = float(flight.model.masses.sum())
+    stiffness, reduced = 2.0 * each, sail * mass / (sail + mass)
+    rate, lasted = 0.5 * stiffness * delay / reduced, columns["time"] + flight.model.release * flight.model.dt
+    omega = np.sqrt(stiffness / reduced - rate**2)
+    want = aside * np.exp(-rate * lasted) * (np.cos(omega * lasted) + rate / omega * np.sin(omega * lasted))
+    assert np.abs(found - want).max() < 1e-3 * aside
+    assert np.abs(want[-1]) < 0.1 * aside
+
+
 def towed_flight(folder: Path, **more: float) -> Flight:
     """A turning, lit sail that tows two masses on tethers, one of them slack at first, after some hundred steps."""
     payload = [

@@ -10,11 +10,9 @@ import pytest
 
 from dynamics.membrane.flight import Flight
 from dynamics.membrane.output.journal import leaves
-from dynamics.rigid.stage import fly
 from dynamics.scene.schema import Scene
-from tests.membranes import FIG6, altered, film, small, steps
+from tests.membranes import film, small, steps
 from tests.payloads import behind, ring
-from tests.synthetic import smooth_tables
 
 GIVEN: dict[str, Any] = {
     "held": {"rim": "springs", "rim_stiffness_N_m2": 10.0, "tension_N_m": 1.0, "gravity_m_s2": [0.0, 0.0, 5.0]},
@@ -43,15 +41,6 @@ def test_flexible_flight_has_the_same_bits_without(tmp_path: Path, effect: str):
     assert size == 0
     for a, b in zip(one, other, strict=True):
         assert np.array_equal(a, b)
-
-
-def test_rigid_flight_has_the_same_bits_without():
-    plain = altered(FIG6, rigid={"duration_s": 0.02})
-    off = altered(plain, payload=GIVEN["payload"], effects={"payload": False})
-    one, other = fly(off, smooth_tables()), fly(plain, smooth_tables())
-    for name in ("position", "velocity", "quaternion", "angular_velocity", "work", "angular_impulse"):
-        assert np.array_equal(getattr(one, name), getattr(other, name))
-    assert one.payload is None
 
 
 @pytest.mark.parametrize("effect", ["held", "payload"])
