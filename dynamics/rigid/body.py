@@ -6,7 +6,7 @@ is I₀D²/c and the torque unit I₀D³/c.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -127,12 +127,17 @@ def rigid_body(
     nearest = (lookup or scene.lookup) == "nearest"
     if scene.holding is not None:
         raise InputError(f"{scene.name}.yaml: held: must be left out, or effects.held be false, for a rigid sail")
+    return carrying(scene, RigidBody(
+        shape, units, _arrays(shape, units, tables, _rules(scene, shape, quadrature)), _light(scene, units),
+        _tables(tables, nearest, scene.beam.polarisation), tethers([]),
+    ))
+
+
+def carrying(scene: scenes.Scene, body: RigidBody) -> RigidBody:
+    """The body with the payload of a scene; InputError where a tether ends beside the sail."""
     payload = tethers(scene.carried)
-    sail = _arrays(shape, units, tables, _rules(scene, shape, quadrature))
-    sail = sail._replace(towing=_towing(scene, payload, shape, units))
-    return RigidBody(
-        shape, units, sail, _light(scene, units), _tables(tables, nearest, scene.beam.polarisation), payload
-    )
+    towing = _towing(scene, payload, body.shape, body.units)
+    return replace(body, sail=body.sail._replace(towing=towing), payload=payload)
 
 
 def _towing(scene: scenes.Scene, payload: Tethers, shape: SailShape, units: Units) -> Towing:

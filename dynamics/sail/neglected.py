@@ -11,6 +11,7 @@ from beamrider.arrays import Floats
 from dynamics.light.intensity import LIGHT_SPEED
 from dynamics.light.spots import finest
 from dynamics.sail.sectors import wavelength
+from dynamics.sail.shapes import rim_slope
 from dynamics.scene.schema import Scene
 from optics.table.pressure_table import PressureTable
 
@@ -25,6 +26,20 @@ def rayleigh_range(scene: Scene, tables: dict[str, PressureTable]) -> float:
     """
     known = [wavelength(table) for table in tables.values() if wavelength(table) is not None]
     return math.pi * finest(scene.beam.spots) ** 2 / float(known[0]) if known else math.inf
+
+
+def thrown_back(scene: Scene, tables: dict[str, PressureTable]) -> bool:
+    """May orders of gratings meet a curved sail again, which flights do not follow; the light comes along its axis.
+
+    Of a slope s the order m leaves at sin θ = sin s + m λ/p from the normal, at s + θ from the axis; the rest of the
+    sail lies at most by the steepest slope S above the horizon, so that s + θ > 90° − S is needed.
+    """
+    steep = rim_slope(scene.sail)
+    steep += math.radians(math.hypot(scene.release.pitch_deg, scene.release.roll_deg)) if steep else 0.0
+    cells = [tables[name].attrs.get("cell", {}) for name in scene.sail.designs if name in tables]
+    steps = [cell["wavelength_nm"] / cell["period_nm"] for cell in cells if "period_nm" in cell]
+    sines = [min(math.sin(steep) + math.floor(1.0 / step) * step, 1.0) for step in steps if step <= 1.0]
+    return steep > 0.0 and any(2.0 * steep + math.asin(sine) > 0.5 * math.pi for sine in sines)
 
 
 def neglected(
@@ -43,6 +58,7 @@ def neglected(
         (_first(time, np.linalg.norm(velocity, axis=1) > FAST * LIGHT_SPEED),
          f"relativity, at more than {FAST:g} of the speed of light"),
         (_first(time, np.abs(position[:, 2]) > range_m), f"the spread of the beam, beyond its {range_m:.3g} m"),
+        (0.0 if thrown_back(scene, tables) else None, "orders of gratings that meet the sail again"),
         (behind, "shade, and that the far face differs from the near one, lit from behind"),
     ]
     return "; ".join(f"{what} from {since:.3g} s on" for since, what in found if since is not None)

@@ -96,6 +96,19 @@ def test_what_matters_is_said_from_when_on():
     assert neglected(altered(FIG6, beam={"intensity_W_m2": 0.0}), tables, time, position, velocity, 1.0) == ""
 
 
+@pytest.mark.parametrize(("depth", "said"), [(0.0, False), (0.2309, False), (0.2419, True)])
+def test_orders_of_gratings_meet_steep_sails_again(depth: float, said: bool):
+    """The first order of λ/p = 0.665, from where 2s + asin(sin s + 0.665) is a right angle: slopes of 13.3° on."""
+    tables = smooth_tables()
+    for table in tables.values():
+        table.attrs["cell"] = {"wavelength_nm": 1064.0, "period_nm": 1600.0}
+    sail = {"profile": "cone", "depth": depth} if depth else {}
+    scene = altered(FIG6, sail=sail, release={"pitch_deg": 0.0, "roll_deg": 0.0})
+    still = np.zeros((2, 3))
+    told = neglected(scene, tables, np.arange(2.0), still, still, None)
+    assert told == ("orders of gratings that meet the sail again from 0 s on" if said else "")
+
+
 def test_flights_say_it_in_their_files_and_at_their_ends(tmp_path, monkeypatch, capsys):
     beam = {"intensity_W_m2": 1e12, "radius_m": 4e3}
     scene = large(beam=beam, rigid={"duration_s": 0.03}, release={"offset_m": [0.0, 0.0]})

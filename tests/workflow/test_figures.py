@@ -248,6 +248,12 @@ def test_maps(drawn, results):
     assert "equilibrium" in text
 
 
+def test_payload(drawn, results):
+    tables = [results / "tables" / design / "modal.h5" for design in smooth_tables()]
+    text = drawn("payload", "--scene", results / "spinning.yaml", "--tables", *tables, "--places", 5, "--mass", 0.3)
+    assert "0.3 g (dots), sail alone (lines)" in text
+
+
 @pytest.mark.parametrize(("scene", "first"), [("spinning", 0.0), ("torn", -2e-3)])
 def test_snapshots_from_release_or_of_all_there_is(drawn, results, scene, first):
     text = drawn("snapshots", "--flight", results / "scenes" / scene / "flight.vtkhdf", "--name", scene)

@@ -127,6 +127,34 @@ rule maps_figure:
         " --out {output.png} --svg {output.svg} > {log} 2>&1"
 
 
+rule payload_figure:
+    input:
+        scene="workflow/scenes/{scene}.yaml",
+        tables=flown,
+        light=lit_by,
+    output:
+        png=report(
+            "results/figures/payload_{scene}.png",
+            caption="../report/payload.rst",
+            category="Stability",
+            labels={"figure": "a payload behind {scene}"},
+        ),
+        svg="results/figures/payload_{scene}.svg",
+    log:
+        "results/logs/figures/payload_{scene}.log",
+    benchmark:
+        "results/benchmarks/figures/payload_{scene}.tsv"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Figure of the stability of {wildcards.scene} with a payload"
+    shell:
+        "python -m workflow.figures.payload --scene {input.scene} --tables {input.tables}"
+        " --out {output.png} --svg {output.svg} > {log} 2>&1"
+
+
 def studied(wildcards):
     """Tables of the designs of a published case."""
     from workflow.case import read_cases
