@@ -62,15 +62,14 @@ def test_a_towed_mass_swings_as_a_pendulum_behind_its_sail():
     mass, length, aside = 1e-4, 0.5, 1e-4
     tether = [{"to_m": [0.0, 0.0], "stiffness_N_m": 2e3, "damping_s": 2e-4}]
     payload = [{**behind(mass, length, tether), "position_m": [aside, 0.0, -length]}]
-    scene = black(payload, rigid={"duration_s": 0.5, "tolerance": 1e-11}, flight={"fly_away_m": 1e9})
+    scene = black(payload, rigid={"duration_s": 0.5, "tolerance": 1e-12}, flight={"fly_away_m": 1e9})
     flight = fly(scene, {})
     assert flight.payload is not None
     force = 1e8 * np.pi * 0.25 / LIGHT_SPEED
     tension = mass * force / (flight.mass + mass)
     late = flight.time > 0.1
-    # Its steps are those of the stiff, damped line, at the edge of stability: about the mean it is noise
-    assert flight.payload.tension[late, 0].mean() == pytest.approx(tension, rel=1e-6)
-    assert np.abs(flight.payload.tension[late, 0] - tension).max() < 2e-4 * tension
+    # The steps resolve the stiff, damped line; longer ones, at a looser tolerance, leave it at the edge of stability
+    assert flight.payload.tension[late, 0] == pytest.approx(tension, rel=1e-6)
     x, t = flight.payload.position[:, 0, 0] - flight.position[:, 0], flight.time
     zero = np.flatnonzero((x[:-1] * x[1:] < 0.0) & late[1:])
     crossing = t[zero] - x[zero] * (t[zero + 1] - t[zero]) / (x[zero + 1] - x[zero])

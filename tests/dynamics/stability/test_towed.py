@@ -104,7 +104,7 @@ def test_damping_within_makes_a_sail_asymptotically_stable():
 
 
 def test_swings_die_away_in_flight_as_in_the_linear_model():
-    """The slowest motion's rate of decay, from the flight's own late swings, is the model's margin."""
+    """The flight is the model's for 16 s, in which its slowest motion dies away: late swings, too, to a hundredth."""
     scene = altered(
         strutted(0.03), rigid={"duration_s": 16.0, "tolerance": 1e-11, "output_Hz": 50.0}, flight={"fly_away_m": 1e9}
     )
