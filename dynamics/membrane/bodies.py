@@ -65,7 +65,9 @@ def _links(scene: Scene, mesh: Mesh, each: Floats) -> csr_matrix:
 
 
 def stiffened(scene: Scene, mesh: Mesh, matrix: csr_matrix, masses: Floats) -> tuple[csr_matrix, Floats]:
-    """K (3n + 3b, 3n + 3b) in N/m with springs and tethers, and all masses (n + b,), for the time step.
+    """K (m, m) in N/m with springs and tethers, m = 3(n + b), and all n + b masses in kg, for the time step.
+
+    matrix (3n, 3n): of the sail alone; masses (n,): its nodes'.
 
     As if each resisted in every direction, and nothing were held fast: that only raises the frequencies (Horn &
     Johnson, Matrix Analysis, §4.3).
@@ -85,7 +87,10 @@ def stiffened(scene: Scene, mesh: Mesh, matrix: csr_matrix, masses: Floats) -> t
 
 
 def loss_rate(scene: Scene, mesh: Mesh, masses: Floats) -> float:
-    """Largest eigenvalue in 1/s of M⁻¹C, C the damping of the tethers as if each resisted in every direction."""
+    """Largest eigenvalue in 1/s of M⁻¹C, C the damping of the tethers as if each resisted in every direction.
+
+    masses (n,) in kg: of the sail's nodes.
+    """
     tethers = payload.tethers(scene.carried)
     losses = tethers.stiffness * tethers.retardation
     if not losses.any():

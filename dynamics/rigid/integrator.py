@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from beamrider.arrays import Floats
+from beamrider.machine_code.standalone import standalone
 from dynamics.rigid.equations import INSIDE, LIT_FROM_BEHIND, MOTION, STATE, Light, RigidSail, derivative, rotation
 from dynamics.rigid.towing import moving, overload
 from optics.table.pressure_table import TableArrays
@@ -288,7 +289,7 @@ def _search(sail: RigidSail, tables: Tables, light: Light, terms: Terms, work: W
     clock[T] = after
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def _snap(sail: RigidSail, tables: Tables, light: Light, work: Work) -> None:
     """Move the end of the last step back to where a tether first is above its strength, if one is, and snap that."""
     clock, t_old, t = work.clock, work.clock[T_OLD], work.clock[T]

@@ -12,6 +12,7 @@ import numba
 import numpy as np
 
 from beamrider.arrays import Floats, Indices
+from beamrider.machine_code.standalone import standalone
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.bodies import inertial, mounted
 from dynamics.membrane.effects.interface import Decision, Plan, Setup, hook, only_if, unsigned
@@ -95,7 +96,7 @@ def field(holder: Holder, t: float, c: int) -> float:
     return holder.gravity[c] - shaken
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def hold(holder: Holder, x: Floats, v: Floats, t: float, acceleration: Floats) -> None:
     """Add what the holder does at time t in s to nodes x, v (3, n) to acceleration (3, n) in m/s²."""
     per_mass = holder.per_mass

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamrider.arrays import Floats, Indices
+from beamrider.machine_code.standalone import standalone
 from dynamics.membrane.arrays import Model, WorkSpace
 from dynamics.membrane.bodies import inertial, mounted
 from dynamics.membrane.effects.held import Holder, field
@@ -131,7 +132,7 @@ def _stretch(tethers: Tethers, work: TetherWork, x: Floats, v: Floats, k: int, a
     return 0.0 if slack else tension
 
 
-@numba.njit(cache=True, error_model="numpy")
+@standalone()
 def tie(
     tethers: Tethers, work: TetherWork, holder: Holder, x: Floats, v: Floats, t: float, acceleration: Floats
 ) -> None:
