@@ -1,6 +1,7 @@
 """Basin maps: the same numbers however they are cut, the symmetry of the sail, and what counts as lost."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,10 +11,12 @@ from dynamics.rigid import basin
 from dynamics.rigid import stage as rigid
 from dynamics.rigid.basin import Grid
 from dynamics.rigid.stage import REASONS
-from dynamics.scene import schema as scene
+from dynamics.scene.schema import read_scene
+from tests.membranes import altered
+from tests.payloads import behind, ring
 from tests.synthetic import smooth_tables
 
-FIG6 = scene.read_scene(Path(__file__).parents[3] / "workflow" / "scenes" / "fig6.yaml")
+FIG6 = read_scene(Path(__file__).parents[3] / "workflow" / "scenes" / "fig6.yaml")
 TABLES = smooth_tables()
 GRID = Grid(offsets_m=[0.0, 0.1], n_offsets=2, tilts_deg=[-3.0, 3.0], n_tilts=3, duration_s=0.02)
 
@@ -38,16 +41,19 @@ def test_blocks_put_together_are_the_map_to_the_bit(tmp_path: Path):
         basin.merge(paths, FIG6, TABLES, GRID.model_copy(update={"duration_s": 0.03}))
 
 
-def test_a_cell_is_the_flight_of_its_release():
+@pytest.mark.parametrize("payload", [[], [behind(1e-4, 0.3, ring(3, 0.3, 400.0))]])
+def test_a_cell_is_the_flight_of_its_release(payload: list[dict[str, Any]]):
     """Offset and tilt of the paper's release: 45° both, 5 cm √2 and 2° √2."""
+    scene = altered(FIG6, payload=payload)
     grid = Grid(
         offsets_m=[0.05 * np.sqrt(2.0)] * 2, n_offsets=1, tilts_deg=[2.0 * np.sqrt(2.0)] * 2, n_tilts=1, duration_s=0.02
     )
     release = grid.release(0, -120.0)
     assert np.allclose(release.offset_m, FIG6.release.offset_m)
     assert np.allclose([release.pitch_deg, release.roll_deg], 2.0)
-    case = FIG6.model_copy(update={"rigid": FIG6.rigid.model_copy(update={"duration_s": 0.02, "output_Hz": 1e5})})
-    flight, cell = rigid.fly(case, TABLES), flown(grid).columns
+    released = altered(scene, rigid={"duration_s": 0.02, "output_Hz": 1e5}, release=release.model_dump())
+    flight = rigid.fly(released, TABLES)
+    cell = basin.fly_cells(scene, smooth_tables(), grid, basin.block_cells(grid, (1, 1))).columns
     assert cell["distance_max"][0] == pytest.approx(np.hypot(*flight.position[:, :2].T).max(), rel=1e-3)
     assert cell["tilt_max"][0] == pytest.approx(np.arccos(flight.rotation[:, 2, 2]).max(), rel=1e-2)
     assert cell["steps"][0] == flight.steps
