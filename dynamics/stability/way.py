@@ -85,6 +85,8 @@ class Way:
             raise InputError(f"{scene.name}.yaml: incidence = yaw_blind: must be sail_frame for stability on the way")
         if not scene.beam.round or scene.beam.pointing.path is not None:
             raise InputError(f"{scene.name}.yaml: beam: must be round and stay where it is for stability on the way")
+        if scene.carried:
+            raise InputError(f"{scene.name}.yaml: payload: must be left out for stability on the way")
         tables = {name: _stand_in(band, band.at(self.wavelength)) for name, band in self.bands.items()}
         load_tables(tables.values(), scene)
         body = rigid_body(scene, tables, lookup="smooth", quadrature=None)

@@ -16,6 +16,7 @@ from optics.modal.normal_incidence import normal_response
 from optics.table.band_response import BandResponse
 from optics.table.normal_incidence import ATTRIBUTE
 from optics.table.pressure_table import PressureTable
+from tests.payloads import behind, ring
 
 WORKFLOW = Path(__file__).parents[3] / "workflow"
 FIG6 = scenes.read_scene(WORKFLOW / "scenes/fig6.yaml")
@@ -145,6 +146,7 @@ def test_aberration_brakes_what_absorbs():
     ({"incidence": "yaw_blind"}, "incidence = yaw_blind: must be sail_frame"),
     ({"beam": {"radius_y_m": 0.3}}, "beam: must be round and stay where it is"),
     ({"beam": {"intensity_W_m2": 0.0}}, "must be above 0"),
+    ({"payload": [behind(1e-4, 0.3, ring(3, 0.3, 100.0))]}, "payload: must be left out"),
 ])
 def test_what_has_no_way_is_refused(bands, change, said):
     with pytest.raises(InputError, match=said):
