@@ -26,7 +26,7 @@ from dynamics.membrane.release import release
 from dynamics.membrane.row_layout import kept
 from dynamics.membrane.state import State
 from dynamics.membrane.stepping import corotating_flight
-from dynamics.membrane.stepping.corotating_setup import corotating_work
+from dynamics.membrane.stepping.corotating_setup import STIFFEST, corotating, corotating_work
 from dynamics.membrane.stepping.step import run
 from dynamics.membrane.stepping.threads import assist, dismiss
 from dynamics.membrane.strains import strains
@@ -110,6 +110,8 @@ class Flight:
         counters = self.journal.restore(self._fingerprint, *self._trees())
         if counters is not None:
             self.step, self.fresh, self._wall = int(counters["step"]), bool(counters["fresh"]), counters["wall"]
+            if self.corotating_work is not None and self.corotating_work.stiffer[0] > 1.0:
+                self._stiffen(1.0)
         return counters is not None
 
     def checkpoint(self) -> None:
@@ -163,8 +165,12 @@ class Flight:
         code, self.step, written = self._run(start, self._stop(), fresh)
         self.fresh = False
         self.journal.add_rows(self._rows[:written])
+        if code == failure.BEYOND and self._stiffen(2.0):
+            code = failure.INTACT
         if code != failure.INTACT:
             return self._fail(code, before, start, fresh)
+        if self.step == start:
+            return None
         if self.step == self.model.release:
             release(self.membrane, self.state, self.work.effects.tethers)
             self.fresh = True
@@ -204,6 +210,17 @@ class Flight:
         for other in others:
             other.result()
         return found
+
+    def _stiffen(self, times: float) -> bool:
+        """Take the sail for so many times as stiff across its plane as now; False where that is more than the most."""
+        if self.corotating is None or self.corotating_work is None:
+            return False
+        stiffer, parts = times * float(self.corotating_work.stiffer[0]), self.membrane
+        if stiffer > STIFFEST:
+            return False
+        self.corotating = corotating(parts.scene, parts.mesh, self.model.masses, self.model.dt, stiffer)
+        self.corotating_work.stiffer[0] = stiffer
+        return True
 
     def _assist(self, thread: int) -> None:
         """What one of the other threads does during a kernel call."""

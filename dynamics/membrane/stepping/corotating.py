@@ -2,15 +2,24 @@
 
 With y the places of the nodes in that frame, the scheme is velocity Verlet with another mass before ÿ only:
 
-    (M + ½ Δt² K) ÿ = F − M (ω × (ω × r) + 2 ω × ẏ),
+    (M + ½ Δt² K) ÿ = F − M (ω × (ω × r) + 2 ω × ẏ) − τ K (ẏ + ½ Δt ÿ),
 
-K the stiffness of the flat sail in its plane, and ½ of that of a membrane under a tension never reached across it. It
-differs from M ÿ by terms of second order and is stable as long as K is stiffer than the sail (`beyond`). In-plane
-waves, which are much faster than the steps, become slow while their forces stay true. The matrix is constant, and so
-is its factor. It is operator splitting (Combescure & Pegon, Soil Dyn. Earthq. Eng. 16 (1997) 427, α = 0) seen at the
-predicted places. Total force and torque about the centre of mass stay as they are, so momentum and angular momentum
-are kept to rounding. A sail that turns steadily is an exact solution of the steps, along chords: velocities of spin ω
-take it on by asin(ω Δt) in a step, so the release makes ω somewhat smaller than the spin asked for.
+K the stiffness of the flat sail, and across it (M + Δt⁴/64 S M⁻¹ S) ÿ, S that of a membrane under a tension that the
+sail never reaches. It differs from M ÿ by terms of second and fourth order and is stable as long as K and S are stiffer
+than the sail (`beyond`); where they are not, a larger S goes on. The matrices are constant, and so are their factors.
+It is operator splitting (Combescure & Pegon, Soil Dyn. Earthq. Eng. 16 (1997) 427, α = 0) seen at the predicted places.
+
+In-plane waves are much faster than the steps. The mass makes them slow while their forces stay true, and then as slow as
+those across the sail, with which they exchange energy as true ones do not: slopes at the rim grow
+(docs/flight_schemes.md). So they are damped as in a viscous film with τ = Δt, and what is much faster than the steps is
+at rest after one. The forces of what steps resolve change by τ times its rate of strain; rigid motion is not damped.
+As K is what the factorised matrix A and the mass leave, τ K ẏ = τ/γ (A ẏ − M ẏ) asks for no product with K. Across the
+sail waves as short as the mesh lose a small part of their velocity in a step.
+
+Total force and torque about the centre of mass, the latter times 1 − (Ω Δt)²/6 or /2 as turning along chords asks for,
+stay as they are, so momentum and angular momentum are kept to rounding where there is no light.
+A sail that turns steadily is an exact solution of the steps, along chords: velocities of spin ω take it on by
+asin(ω Δt) in a step, so the release makes ω somewhat smaller than the spin asked for.
 """
 
 from __future__ import annotations
@@ -36,14 +45,16 @@ PASSES = 8
 class Corotating(NamedTuple):
     """What the scheme adds to a model.
 
-    plane, across: factors of M + ½ Δt² K (and the Coriolis term) in the sail's plane, two unknowns a node, and across
-    it. sides (e,): for each edge the place, in the 3t sides of the triangles, of one of its sides. most: elastic strain
-    of an edge, with twice the square of its slope, up to which K is stiffer than the sail. substeps: explicit steps to
-    each step of the spin-up.
+    plane, across: factors of the matrices A before ÿ in the sail's plane (with the Coriolis term), two unknowns a node,
+    and across it. calm, calm_across: τ/γ of each in 1/s. sides (e,): for each edge the place, in the 3t sides of the
+    triangles, of one of its sides. most: elastic strain of an edge, with twice the square of its slope, up to which the
+    matrices are stiffer than the sail. substeps: explicit steps to each step of the spin-up.
     """
 
     plane: Factor
     across: Factor
+    calm: float
+    calm_across: float
     sides: Indices
     most: float
     substeps: int
@@ -52,20 +63,23 @@ class Corotating(NamedTuple):
 class CorotatingWork(NamedTuple):
     """Work space, all (3, n): positions r and velocities u about the centre of mass, velocities without rotation later.
 
-    field: acceleration without its rigid part; transport: in the frame's axes, of nodes that stay where they are there.
-    plane (2n,), across (n,): right-hand sides and solutions. frame (3, 3): its axes as rows. motion (8, 3): centre,
-    its velocity and acceleration, ω, its rate, and sums. rate (n,): heating rate of the step before in K/s.
+    field: acceleration without its rigid part; transport: in the frame's axes, of nodes that stay where they are there;
+    late: τ/γ ẏ, in its axes too. plane (2n,), across (n,): right-hand sides and solutions. frame (3, 3): its axes as
+    rows. motion (8, 3): centre, its velocity and acceleration, ω, its rate, and sums. rate (n,): heating rate of the
+    step before in K/s. stiffer (1,): how many times as stiff as at first the sail is taken for across its plane.
     """
 
     positions: Floats
     drift: Floats
     field: Floats
     transport: Floats
+    late: Floats
     plane: Floats
     across: Floats
     frame: Floats
     motion: Floats
     rate: Floats
+    stiffer: Floats
     in_plane: Solution
     out_of_plane: Solution
 
@@ -173,47 +187,83 @@ def _decompose(model: Model, own: CorotatingWork, tensor: Floats, x: Floats, v: 
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _residual(model: Model, own: CorotatingWork, dt: float) -> float:
-    """Right-hand sides of the step, M times what is left of the acceleration; returns the spin ω·n in rad/s.
+def _into_frame(e: Floats, values: Floats, i: int) -> tuple[float, float, float]:
+    """Column i of values (3, n) along the axes e (3, 3)."""
+    a, b, c = values[0, i], values[1, i], values[2, i]
+    return (
+        e[0, 0] * a + e[0, 1] * b + e[0, 2] * c, e[1, 0] * a + e[1, 1] * b + e[1, 2] * c,
+        e[2, 0] * a + e[2, 1] * b + e[2, 2] * c,
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _centripetal(own: CorotatingWork, chord: float) -> None:
+    """To transport (3, n), in the lab: chord times ω × (ω × r)."""
+    r, out, omega = own.positions, own.transport, own.motion[OMEGA]
+    w0, w1, w2 = omega[0], omega[1], omega[2]
+    square = w0 * w0 + w1 * w1 + w2 * w2
+    for i in range(r.shape[1]):
+        along = w0 * r[0, i] + w1 * r[1, i] + w2 * r[2, i]
+        out[0, i] = chord * (along * w0 - square * r[0, i])
+        out[1, i] = chord * (along * w1 - square * r[1, i])
+        out[2, i] = chord * (along * w2 - square * r[2, i])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _residual(model: Model, scheme: Corotating, own: CorotatingWork, dt: float) -> float:
+    """Right-hand sides of the step, M times what is left of the acceleration and A late; returns the spin ω·n in rad/s.
 
     The centripetal acceleration is the one with which nodes that move along chords stay on their circle. The velocity
     of now follows from that half a step ago, u, with ÿ = 0: (1 − Δt ω J) ẏ = u + ½ Δt a, J a quarter turn.
     """
-    r, u, b, motion, e = own.positions, own.drift, own.field, own.motion, own.frame
-    w0, w1, w2 = motion[OMEGA, 0], motion[OMEGA, 1], motion[OMEGA, 2]
-    spin = w0 * e[2, 0] + w1 * e[2, 1] + w2 * e[2, 2]
+    e, omega = own.frame, own.motion[OMEGA]
+    spin = omega[0] * e[2, 0] + omega[1] * e[2, 1] + omega[2] * e[2, 2]
     angle = dt * spin
-    chord = 2.0 / (1.0 + math.sqrt(max(1.0 - angle * angle, 0.0)))
     share = 1.0 / (1.0 + angle * angle)
-    square = w0 * w0 + w1 * w1 + w2 * w2
+    _centripetal(own, 2.0 / (1.0 + math.sqrt(max(1.0 - angle * angle, 0.0))))
     for i in range(model.masses.size):
-        along = w0 * r[0, i] + w1 * r[1, i] + w2 * r[2, i]
-        c0 = chord * (along * w0 - square * r[0, i])
-        c1 = chord * (along * w1 - square * r[1, i])
-        c2 = chord * (along * w2 - square * r[2, i])
-        cx, cy = e[0, 0] * c0 + e[0, 1] * c1 + e[0, 2] * c2, e[1, 0] * c0 + e[1, 1] * c1 + e[1, 2] * c2
-        ux = e[0, 0] * u[0, i] + e[0, 1] * u[1, i] + e[0, 2] * u[2, i] + 0.5 * dt * cx
-        uy = e[1, 0] * u[0, i] + e[1, 1] * u[1, i] + e[1, 2] * u[2, i] + 0.5 * dt * cy
-        x, y = cx - 2.0 * spin * share * (uy + angle * ux), cy + 2.0 * spin * share * (ux - angle * uy)
-        m = model.masses[i]
+        cx, cy, _ = _into_frame(e, own.transport, i)
+        ux, uy, uz = _into_frame(e, own.drift, i)
+        bx, by, bz = _into_frame(e, own.field, i)
+        ux, uy = ux + 0.5 * dt * cx, uy + 0.5 * dt * cy
+        ux, uy = share * (ux - angle * uy), share * (uy + angle * ux)
+        x, y, m = cx - 2.0 * spin * uy, cy + 2.0 * spin * ux, model.masses[i]
+        ux, uy, uz = scheme.calm * ux, scheme.calm * uy, scheme.calm_across * uz
         own.transport[0, i], own.transport[1, i] = x, y
-        own.plane[2 * i] = m * (e[0, 0] * b[0, i] + e[0, 1] * b[1, i] + e[0, 2] * b[2, i] - x)
-        own.plane[2 * i + 1] = m * (e[1, 0] * b[0, i] + e[1, 1] * b[1, i] + e[1, 2] * b[2, i] - y)
-        own.across[i] = m * (e[2, 0] * b[0, i] + e[2, 1] * b[1, i] + e[2, 2] * b[2, i])
+        own.late[0, i], own.late[1, i], own.late[2, i] = ux, uy, uz
+        own.plane[2 * i] = m * (bx - x + share * (ux - angle * uy))
+        own.plane[2 * i + 1] = m * (by - y + share * (uy + angle * ux))
+        own.across[i] = m * (bz + uz)
     return spin
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _assemble(own: CorotatingWork, dt: float, spin: float) -> None:
     """Field (3, n) of accelerations in the lab: transport, ÿ of the solutions, and the Coriolis term of ½ Δt ÿ."""
-    e, angle = own.frame, dt * spin
+    e, late, angle = own.frame, own.late, dt * spin
     share = angle / (1.0 + angle * angle)
     for i in range(own.across.size):
-        px, py, z = own.plane[2 * i], own.plane[2 * i + 1], own.across[i]
+        px, py, z = own.plane[2 * i] - late[0, i], own.plane[2 * i + 1] - late[1, i], own.across[i] - late[2, i]
         x = own.transport[0, i] + px - share * (py + angle * px)
         y = own.transport[1, i] + py + share * (px - angle * py)
-        for c in range(3):
-            own.field[c, i] = e[0, c] * x + e[1, c] * y + e[2, c] * z
+        own.field[0, i] = e[0, 0] * x + e[1, 0] * y + e[2, 0] * z
+        own.field[1, i] = e[0, 1] * x + e[1, 1] * y + e[2, 1] * z
+        own.field[2, i] = e[0, 2] * x + e[1, 2] * y + e[2, 2] * z
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _share_turning(own: CorotatingWork, angle: float) -> None:
+    """The angular acceleration with which nodes on chords turn as the sail does; angle: Δt times their spin.
+
+    They turn by θ = asin(angle) in a step. What tilts the spin axis moves a node by z = B t sin(Ωt) under c cos(Ωt): steps
+    of z make that B = c Δt/(2 sin θ), true is c/(2Ω). What changes the spin changes θ by Δt/cos θ times that of ω.
+    """
+    alpha, normal = own.motion[ALPHA], own.frame[2]
+    tilting = angle / math.asin(angle) if abs(angle) > 1e-6 else 1.0
+    along = alpha[0] * normal[0] + alpha[1] * normal[1] + alpha[2] * normal[2]
+    along *= math.sqrt(1.0 - angle * angle) - tilting
+    for c in range(3):
+        alpha[c] = tilting * alpha[c] + along * normal[c]
 
 
 @standalone()
@@ -222,14 +272,15 @@ def replace_accelerations(
 ) -> None:
     """Replace accelerations (3, n) of nodes x, velocities v half a step ago, by those of the scheme.
 
-    Their mean and their torque stay.
+    Their mean stays, and their torque but for what goes on along chords (`_share_turning`).
     """
     tensor = np.empty((3, 3))
     _decompose(model, own, tensor, x, v, acceleration)
-    spin = _residual(model, own, model.dt)
+    spin = _residual(model, scheme, own, model.dt)
     solve_factorised(scheme.plane, own.in_plane, own.plane)
     solve_factorised(scheme.across, own.out_of_plane, own.across)
     _assemble(own, model.dt, spin)
+    _share_turning(own, model.dt * spin)
     motion = own.motion
     centre(model.masses, own.field, motion[SUM])
     _turning(model.masses, own.positions, own.field, tensor, motion[MOMENT], motion[TURN])

@@ -116,14 +116,19 @@ def run(
     model: Model, scheme: Corotating, state: State, work: WorkSpace, own: CorotatingWork, n: int, stop: int,
     fresh: bool, rows: Floats,
 ) -> tuple[int, int, int]:
-    """As `dynamics.membrane.stepping.step.run`, with the steps of this scheme."""
+    """As `dynamics.membrane.stepping.step.run`, with the steps of this scheme.
+
+    With BEYOND the step is done all the same; a stiffer scheme goes on from there.
+    """
     written, code = 0, failure.INTACT
     while code == failure.INTACT and (fresh or n < stop):
         code = _step(model, scheme, state, work, own, n, fresh)
         n += 0 if fresh else 1
-        if code == failure.INTACT:
-            code, written = write_due(model, state, work, n, fresh, rows, written)
+        if code in (failure.INTACT, failure.BEYOND):
+            found, written = write_due(model, state, work, n, fresh, rows, written)
+            code = found if found != failure.INTACT else code
         fresh = False
-    written = write_last(model, state, work, n, code, rows, written)
+    if code != failure.BEYOND:
+        written = write_last(model, state, work, n, code, rows, written)
     dismiss(work.stencil.scratch.board)
     return code, n, written

@@ -30,10 +30,16 @@ TURN, MOST_TURN = 1 / 150, 1 / 40
 #: How much stiffer than the tension of the spin the scheme takes the sail across its plane; how much of it is for
 #: tensions along one side of a triangle that come with less strain along its edges.
 STIFFER, SPARE = 4.0, 1.5
+#: How many times stiffer than that it may get where strain or slopes ask for it, each time twice as stiff.
+STIFFEST = 64.0
 #: Share of the stability bound that the explicit steps of the spin-up take.
 EXPLICIT = 0.8
-#: Share of Δt² K beside M; ¼ is stable for waves in one direction, the double also where slopes couple two of them.
-IN_PLANE, ACROSS = 0.5, 0.25
+#: Share of Δt² K beside M in the plane; ¼ is stable for waves in one direction, the double also where slopes couple two.
+#: Across it that of Δt⁴ K M⁻¹ K: with σ = (ω Δt)², leapfrog is stable for σ ≤ 4(1 + σ²/64), so for all.
+IN_PLANE, ACROSS = 0.5, 1.0 / 64.0
+#: The time τ of damping in steps in the plane: at 1 waves much faster than the steps are gone after one. Share of the
+#: velocity of the shortest waves across it that is lost in a step.
+DAMPED, DAMPED_ACROSS = 1.0, 0.02
 
 
 def time_step(scene: Scene) -> float:
@@ -94,24 +100,31 @@ def _fastest(membrane: csr_matrix, masses: Floats) -> float:
     return float(np.sqrt(found[0]))
 
 
-def corotating(scene: Scene, mesh: Mesh, masses: Floats, dt: float) -> Corotating:
-    """The scheme's matrices, factorised, for steps of dt in s and masses (n,) in kg, and how its spin-up is flown."""
+def corotating(scene: Scene, mesh: Mesh, masses: Floats, dt: float, stiffer: float = 1.0) -> Corotating:
+    """The scheme's matrices, factorised, for steps of dt in s and masses (n,) in kg, and how its spin-up is flown.
+
+    stiffer: how many times as stiff across its plane it takes the sail as it does at first.
+    """
     n, points = masses.size, mesh.nodes[:, :2]
     angle = dt * 2.0 * math.pi * scene.release.spin_Hz
     plane = (3 * np.arange(n)[:, None] + [0, 1]).ravel()
     elastic = sheet_matrix(scene.sail, mesh)
     stiffness = elastic.tocsr()[plane][:, plane]
     inertia = np.array([[1.0, -angle], [angle, 1.0]]) / (1.0 + angle**2)
-    membrane, tension = _membrane(mesh), STIFFER * _tension(scene, mesh)
-    explicit = 4.0 / (dt * _fastest(membrane, masses)) ** 2
+    membrane, tension = _membrane(mesh), stiffer * STIFFER * _tension(scene, mesh)
+    across = dt**2 * tension * membrane
+    fastest = tension * (dt * _fastest(membrane, masses)) ** 2
+    spare = 4.0 * (1.0 + ACROSS * fastest**2) / fastest if fastest < 8.0 else 1.0
+    gamma = IN_PLANE + 0.5 * DAMPED
     modulus = per_triangle(scene.sail, mesh, "young_Pa") * membrane_thickness(scene.sail, mesh)
     modulus /= 1.0 - per_triangle(scene.sail, mesh, "poisson") ** 2
     sides = np.zeros(len(mesh.edges), dtype=np.uint32)
     sides[mesh.triangle_edges.T.ravel()] = np.arange(mesh.triangle_edges.size)
     return Corotating(
-        plane=factorise(csr_matrix(kron(diags(masses), inertia) + IN_PLANE * dt**2 * stiffness), points),
-        across=factorise(csr_matrix(diags(masses) + ACROSS * dt**2 * tension * membrane), points), sides=sides,
-        most=(tension + explicit) / (SPARE * float(modulus.max())),
+        plane=factorise(csr_matrix(kron(diags(masses), inertia) + gamma * dt**2 * stiffness), points),
+        across=factorise(csr_matrix(diags(masses) + ACROSS * across @ diags(1.0 / masses) @ across), points),
+        calm=DAMPED / (gamma * dt), calm_across=DAMPED_ACROSS / dt, sides=sides,
+        most=spare * tension / (SPARE * float(modulus.max())),
         substeps=math.ceil(dt * highest_frequency(elastic, masses) / (2.0 * EXPLICIT)),
     )
 
@@ -121,7 +134,8 @@ def corotating_work(scheme: Corotating, model: Model) -> CorotatingWork:
     n = model.masses.size
     return CorotatingWork(
         positions=np.zeros((3, n)), drift=np.zeros((3, n)), field=np.zeros((3, n)), transport=np.zeros((3, n)),
+        late=np.zeros((3, n)),
         plane=np.zeros(2 * n), across=np.zeros(n), frame=np.zeros((3, 3)), motion=np.zeros((8, 3)),
-        rate=np.zeros(n if model.warm else 0), in_plane=solution_space(scheme.plane),
+        rate=np.zeros(n if model.warm else 0), stiffer=np.ones(1), in_plane=solution_space(scheme.plane),
         out_of_plane=solution_space(scheme.across),
     )
