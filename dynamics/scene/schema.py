@@ -70,8 +70,9 @@ class Flight(Strict):
     integrator: Literal["semi_implicit_euler", "verlet", "rk4", "corotating"] = "verlet"
     """Scheme of the steps.
 
-    'corotating' steps semi-implicitly, 1/150 of a turn by default, in the frame of a spinning flat sail of triangles,
-    light and heat renewed in every step; it ends a flight as 'beyond_scheme' where strain or slopes are too large.
+    'corotating' steps semi-implicitly, 1/100 of a turn by default, in the frame of a spinning flat sail of triangles,
+    light and heat renewed in every step, waves in its plane damped. Where strain or slopes are large it takes the sail
+    for stiffer against short waves across it; where that is not enough it ends the flight as 'beyond_scheme'.
     """
     time_step_s: Duration | None = None
     """Time step; null for 0.8 of the stability bound of the mesh."""

@@ -9,8 +9,8 @@ sail never reaches. It differs from M ÿ by terms of second and fourth order and
 than the sail (`beyond`); where they are not, a larger S goes on. The matrices are constant, and so are their factors.
 It is operator splitting (Combescure & Pegon, Soil Dyn. Earthq. Eng. 16 (1997) 427, α = 0) seen at the predicted places.
 
-In-plane waves are much faster than the steps. The mass makes them slow while their forces stay true, and then as slow as
-those across the sail, with which they exchange energy as true ones do not: slopes at the rim grow
+In-plane waves are much faster than the steps. The mass makes them slow while their forces stay true, and then as slow
+as those across the sail, with which they exchange energy as true ones do not: slopes at the rim grow
 (docs/flight_schemes.md). So they are damped as in a viscous film with τ = Δt, and what is much faster than the steps is
 at rest after one. The forces of what steps resolve change by τ times its rate of strain; rigid motion is not damped.
 As K is what the factorised matrix A and the mass leave, τ K ẏ = τ/γ (A ẏ − M ẏ) asks for no product with K. Across the
@@ -255,8 +255,8 @@ def _assemble(own: CorotatingWork, dt: float, spin: float) -> None:
 def _share_turning(own: CorotatingWork, angle: float) -> None:
     """The angular acceleration with which nodes on chords turn as the sail does; angle: Δt times their spin.
 
-    They turn by θ = asin(angle) in a step. What tilts the spin axis moves a node by z = B t sin(Ωt) under c cos(Ωt): steps
-    of z make that B = c Δt/(2 sin θ), true is c/(2Ω). What changes the spin changes θ by Δt/cos θ times that of ω.
+    They turn by θ = asin(angle) in a step. What tilts the spin axis moves a node by z = B t sin(Ωt) under c cos(Ωt):
+    steps of z make that B = c Δt/(2 sin θ), true is c/(2Ω). What changes the spin changes θ by Δt/cos θ times ω.
     """
     alpha, normal = own.motion[ALPHA], own.frame[2]
     tilting = angle / math.asin(angle) if abs(angle) > 1e-6 else 1.0

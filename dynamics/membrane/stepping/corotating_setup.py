@@ -26,7 +26,7 @@ from dynamics.sail.mesh import Mesh
 from dynamics.scene.schema import Scene
 
 #: Turns of the sail in a step when the scene gives none, and the most.
-TURN, MOST_TURN = 1 / 150, 1 / 40
+TURN, MOST_TURN = 1 / 100, 1 / 40
 #: How much stiffer than the tension of the spin the scheme takes the sail across its plane; how much of it is for
 #: tensions along one side of a triangle that come with less strain along its edges.
 STIFFER, SPARE = 4.0, 1.5
@@ -34,7 +34,7 @@ STIFFER, SPARE = 4.0, 1.5
 STIFFEST = 64.0
 #: Share of the stability bound that the explicit steps of the spin-up take.
 EXPLICIT = 0.8
-#: Share of Δt² K beside M in the plane; ¼ is stable for waves in one direction, the double also where slopes couple two.
+#: Share of Δt² K beside M in the plane; ¼ is stable for waves in one direction, twice as much where slopes couple two.
 #: Across it that of Δt⁴ K M⁻¹ K: with σ = (ω Δt)², leapfrog is stable for σ ≤ 4(1 + σ²/64), so for all.
 IN_PLANE, ACROSS = 0.5, 1.0 / 64.0
 #: The time τ of damping in steps in the plane: at 1 waves much faster than the steps are gone after one. Share of the

@@ -132,7 +132,7 @@ def stepped(flight: Flight, x: np.ndarray, v: np.ndarray, turn: np.ndarray) -> n
 
 
 def in_balance(flight: Flight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes and velocities half a step ago of the flat sail that turns steadily along chords, and a turn back by a step.
+    """Nodes and velocities half a step ago of a flat sail that turns steadily along chords, and a turn back by a step.
 
     Nodes settle in the scheme itself, as in-plane waves are damped.
     """
@@ -155,8 +155,8 @@ def test_no_wave_grows_and_in_plane_ones_are_gone_at_once(tmp_path: Path):
     What grows without damping does so by 3e-6 a step here. Rounding of differences splits the pairs at 1 of the rigid
     motion by 1e-5.
     """
-    flight = Flight(altered(spinning(3, lit=False), release={"offset_m": [0.0, 0.0], "pitch_deg": 0.0, "roll_deg": 0.0}),
-                    {}, tmp_path)
+    level = {"offset_m": [0.0, 0.0], "pitch_deg": 0.0, "roll_deg": 0.0}
+    flight = Flight(altered(spinning(3, lit=False), release=level), {}, tmp_path)
     x, v, turn = in_balance(flight)
     start, dt = np.concatenate([x.ravel(), v.ravel() * flight.model.dt]), flight.model.dt
     assert np.abs(stepped(flight, x, v, turn) - start).max() < 1e-13
@@ -287,6 +287,6 @@ def test_the_film_may_not_be_viscous(tmp_path: Path):
         Flight(scene, {}, tmp_path)
 
 
-def test_a_step_is_1_150_of_a_turn_by_default(tmp_path: Path):
+def test_a_step_is_a_hundredth_of_a_turn_by_default(tmp_path: Path):
     flight = Flight(spinning(time_step_s=None), {}, tmp_path)
-    assert flight.model.dt == pytest.approx(1 / 120 / 150, rel=1e-4)
+    assert flight.model.dt == pytest.approx(1 / 120 / 100, rel=1e-4)
