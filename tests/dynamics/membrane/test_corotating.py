@@ -16,7 +16,8 @@ from dynamics.membrane.stepping.step import evaluate
 from dynamics.scene.schema import Scene
 from optics.cells.schema import ThinFilm
 from optics.thin_film.stage import make_table
-from tests.membranes import DRUM_MODES, altered, dark, drum_mode, film
+from tests.membranes import DRUM_MODES, altered, dark, drum_mode, film, small
+from tests.synthetic import smooth_tables
 
 FAST = {"integrator": "corotating", "optics_every": 1, "heat_every": 1, "series_every": 1, "time_step_s": 80e-6}
 BEAM = {"intensity_W_m2": 1e9}
@@ -110,13 +111,14 @@ def drummed(tmp_path: Path, rings: int, step: float) -> np.ndarray:
 
 
 def test_drum_modes_have_the_frequencies_of_the_closed_form(tmp_path: Path):
-    """The tilt exactly; the others with errors of second order in the step and in the mesh."""
+    """The tilt exactly; the others with errors of second order in the mesh, and next to none of the step."""
     errors = []
     for rings in (6, 12):
         coarse, middle, fine = [drummed(tmp_path, rings, step) for step in (56e-6, 28e-6, 14e-6)]
         assert np.abs(np.array([coarse[0], middle[0], fine[0]]) - 1.0).max() < 1e-6
-        assert (middle - coarse)[1:] / (fine - middle)[1:] == pytest.approx(np.full(5, 4.0), rel=0.15)
-        errors.append(np.abs(fine + (fine - middle) / 3 - 1)[1:])
+        assert np.abs(middle - fine).max() < 1e-4
+        assert np.abs(coarse - fine).max() < 1.5e-3
+        errors.append(np.abs(fine - 1.0)[1:])
     assert errors[1].max() < 0.04
     assert np.all(errors[1] < 0.35 * errors[0])
 
@@ -257,11 +259,30 @@ def test_a_sail_that_bends_more_than_the_scheme_bears_is_taken_for_stiffer(tmp_p
     assert np.array_equal(np.asarray(whole.journal.rows), np.asarray(second.journal.rows))
 
 
-def test_a_sail_that_folds_ends_the_flight():
+def test_a_sail_that_bends_too_much_for_the_stiffest_scheme_ends_the_flight(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("dynamics.membrane.flight.STIFFEST", 1.0)
     scene = altered(spinning(duration_s=0.1, time_step_s=None), release={"spin_Hz": -8.0}, beam={"radius_m": 0.2})
     _, end, _ = fly(scene, {})
     assert end.reason == "beyond_scheme"
     assert "triangle" in end.detail
+
+
+@pytest.mark.slow
+def test_on_long_flights_it_keeps_to_the_explicit_scheme():
+    """Strain does not grow and the path stays, where without damping slopes would grow to a third more strain."""
+    times, runs = np.linspace(0.05, 0.95, 400), []
+    explicit = {"integrator": "verlet", "optics_every": 8, "heat_every": 8, "series_every": 64}
+    for how in ({"integrator": "corotating", "optics_every": 1, "heat_every": 1, "series_every": 8}, explicit):
+        scene = altered(small(rings=12), absorptance="material", flight={"duration_s": 1.0, **how})
+        _, end, series = fly(scene, smooth_tables())
+        assert end.reason == "finished"
+        runs.append({name: values[series["time"] >= 0.0] for name, values in series.items()})
+    across = [np.stack([np.interp(times, run["time"], run["position"][:, i]) for i in (0, 1)]) for run in runs]
+    moved = np.abs(across[1] - 0.05).max()
+    assert np.abs(across[0] - across[1]).max() < 2e-3 * moved
+    for name in ("strain_max", "temperature_max"):
+        ends = [run[name][run["time"] > 0.5].max() for run in runs]
+        assert ends[0] == pytest.approx(ends[1], rel=0.01)
 
 
 @pytest.mark.parametrize(
