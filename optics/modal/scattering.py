@@ -42,7 +42,7 @@ class LayerModes(NamedTuple):
     k_phi: Complexes
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _waves(t: LayerModes, layer: int, v: float, k_z: Complexes, plus: Complexes, minus: Complexes) -> None:
     """f₊ and f₋ (2n, 2n) of all modes of a layer running along +z; along −z the two are exchanged."""
     psi, k_psi, beta2_s = t.psi[layer], t.k_psi[layer], t.beta2_s[layer]
@@ -60,7 +60,7 @@ def _waves(t: LayerModes, layer: int, v: float, k_z: Complexes, plus: Complexes,
             plus[n + i, n + j], minus[n + i, n + j] = electric + magnetic, electric - magnetic
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _plane_waves(epsilon: complex, u_m: Floats, v: float, k_z: Complexes, plus: Complexes, minus: Complexes) -> None:
     """f₊ and f₋ (2n, 2n) of the plane waves of a homogeneous layer, for each component of ẑ × E; as `_waves`."""
     n = u_m.size
@@ -74,7 +74,7 @@ def _plane_waves(epsilon: complex, u_m: Floats, v: float, k_z: Complexes, plus: 
         minus[i, i], minus[i, n + i], minus[n + i, i], minus[n + i, n + i] = 1.0 - xx, -xy, -xy, 1.0 - yy
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _ends(
     rho: Complexes, plus: Complexes, minus: Complexes, reach: NDArray[np.int64], a: Complexes, b: Complexes
 ) -> None:
@@ -91,13 +91,13 @@ def _ends(
             b[n + i, c] = yx * plus[i, j] + yy * plus[n + i, j] - minus[n + i, j]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _reaching(x: Complexes, negligible: float) -> NDArray[np.int64]:
     """Modes whose decay x leaves more than `negligible`."""
     return np.flatnonzero(np.abs(x) > negligible)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _returned(bounce: Complexes, reach: NDArray[np.int64], x: Complexes) -> Complexes:
     """The part (n_reach, n_reach) of a bounce that is felt at the top again, decayed."""
     out = np.empty((reach.size, reach.size), np.complex128)
@@ -107,7 +107,7 @@ def _returned(bounce: Complexes, reach: NDArray[np.int64], x: Complexes) -> Comp
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _subtract(a: Complexes, product: Complexes, reach: NDArray[np.int64]) -> None:
     """Columns `reach` of A less those of a product."""
     for i in range(a.shape[0]):
@@ -115,7 +115,7 @@ def _subtract(a: Complexes, product: Complexes, reach: NDArray[np.int64]) -> Non
             a[i, reach[c]] -= product[i, c]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _seen_from_above(
     plus: Complexes, minus: Complexes, part: Complexes, reach: NDArray[np.int64], top: Complexes
 ) -> Complexes:
@@ -159,7 +159,7 @@ def joints(t: LayerModes, epsilon: Complexes) -> Joints:
     return Joints(*out)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _joined(
     t: Joints, i: int, v: float, k_z: Complexes, k_next: Complexes, part: Complexes, reach: NDArray[np.int64],
     total: Complexes, apart: Complexes,
@@ -189,7 +189,7 @@ def _joined(
             total[n + r, c], apart[n + r, c] = x + y, x - y
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _columns(whole: Complexes, reach: NDArray[np.int64], x: Complexes) -> Complexes:
     """The columns `reach` of a matrix, given transposed, times the decays x."""
     out = np.empty((whole.shape[1], reach.size), np.complex128)
@@ -198,7 +198,7 @@ def _columns(whole: Complexes, reach: NDArray[np.int64], x: Complexes) -> Comple
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _bounces(
     joints: Joints, epsilon: Complexes, v: float, k_z: Complexes, x: Complexes, back: Complexes, negligible: float,
     plus: Complexes, minus: Complexes, total: Complexes,
@@ -228,7 +228,7 @@ def _bounces(
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _amplitudes(
     front: Complexes, source: Complexes, x: Complexes, negligible: float, plus: Complexes, minus: Complexes,
     bounce: Complexes,
@@ -241,7 +241,7 @@ def _amplitudes(
     return np.linalg.solve(a, source)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def scatter(
     modes: LayerModes, joints: Joints, epsilon: Complexes, u_m: Floats, v: Floats, k_z: Complexes, x: Complexes,
     front: Complexes, back: Complexes, source: Complexes, negligible: float, outer: Complexes, inner: Complexes,

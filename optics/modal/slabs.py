@@ -46,7 +46,7 @@ class Slabs(NamedTuple):
     odd: Complexes
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _ends(of: Steps, by: Products, u_m: Floats, v: float) -> NDArray[np.int64]:
     """Numbers of the steps after the last of each slab."""
     n = u_m.size
@@ -65,7 +65,7 @@ def _ends(of: Steps, by: Products, u_m: Floats, v: float) -> NDArray[np.int64]:
     return ends[: count + 1]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _products(of: Steps, by: Products, ends: NDArray[np.int64], u_m: Floats, v: float, out: Complexes) -> None:
     """F of each slab (n_slabs, 4n, 4n), in the order f₊x, f₊y, f₋x, f₋y."""
     m, first = 2 * u_m.size, 0

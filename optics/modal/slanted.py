@@ -149,7 +149,7 @@ def unmixed(of: Steps, i: int) -> list[tuple[float, Steps]]:
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def generator(of: Steps, i: int, u_m: Floats, v: float, out: Complexes) -> None:
     """The matrix i h M (4n, 4n) of step i, in blocks for Ê_x, Ê_y, h_x, h_y."""
     n, scale = u_m.size, 1j * of.thickness[i]
@@ -171,7 +171,7 @@ def generator(of: Steps, i: int, u_m: Floats, v: float, out: Complexes) -> None:
     out *= scale
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def even_part(of: Steps, by: Products, i: int, u_m: Floats, v: float, out: Complexes) -> None:
     """12 + B² (4n, 4n) of step i, B as `generator` makes it."""
     n, v2, scale, u = u_m.size, v * v, of.thickness[i] ** 2, u_m[u_m.size // 2]
@@ -201,7 +201,7 @@ def even_part(of: Steps, by: Products, i: int, u_m: Floats, v: float, out: Compl
         out[j, j] += 12.0
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def step_up(matrix: Complexes, even: Complexes, rho: Complexes) -> tuple[NDArray[Any], NDArray[Any]]:
     """ρ at the top of a step and f₊ (m, m) below it per f₊ above, from its B and 12 + B² (2m, 2m) and ρ (m, m) below.
 
@@ -219,7 +219,7 @@ def step_up(matrix: Complexes, even: Complexes, rho: Complexes) -> tuple[NDArray
     return minus @ through, through
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def transfer(matrix: Complexes, even: Complexes) -> NDArray[Any]:
     """What takes X (2m) from below a step to above it, from its B and 12 + B² (2m, 2m): as in `step_up`."""
     out = 2.0 * np.linalg.solve(even + 6.0 * matrix, even)
@@ -228,7 +228,7 @@ def transfer(matrix: Complexes, even: Complexes) -> NDArray[Any]:
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def full_matrix(blocks: Complexes) -> Complexes:
     """Blocks (n, 2, 2) as a matrix (2n, 2n)."""
     n = blocks.shape[0]
@@ -239,7 +239,7 @@ def full_matrix(blocks: Complexes) -> Complexes:
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def climb_steps(
     of: Steps, by: Products, u_m: Floats, v: Floats, front: Complexes, back: Complexes, source: Complexes,
     outer: Complexes, inner: Complexes,
