@@ -47,10 +47,17 @@ def overview() -> str:
     """What `beamrider --help` prints: each sub-command with one line."""
     width = max(map(len, COMMANDS))
     lines = [f"  {name:{width}}  {about}" for name, (_, about) in COMMANDS.items()]
-    return "\n".join([
-        "usage: beamrider COMMAND …", "", "From the unit cell of a light sail's surface to its flight on the beam.", "",
-        *lines, "", "beamrider COMMAND --help lists the options of one; beamrider --version tells the version.",
-    ])
+    return "\n".join(
+        [
+            "usage: beamrider COMMAND …",
+            "",
+            "From the unit cell of a light sail's surface to its flight on the beam.",
+            "",
+            *lines,
+            "",
+            "beamrider COMMAND --help lists the options of one; beamrider --version tells the version.",
+        ]
+    )
 
 
 def without(option: str, words: Sequence[str]) -> tuple[str | None, list[str]]:

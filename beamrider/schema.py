@@ -25,7 +25,9 @@ FILES = {
     "scene": ("dynamics.scene.schema", "Scene", "Scenes", "`workflow/scenes/NAME.yaml`: what is flown, and how."),
     "cell": ("optics.cells.schema", "Cell", "Cells", "`workflow/designs/NAME.yaml`: what a sail's surface is made of."),
     "family": (
-        "workflow.family", "Family", "Families",
+        "workflow.family",
+        "Family",
+        "Families",
         "`workflow/designs/NAME.yaml` with `kind: family`: many designs, to be screened.",
     ),
     "config": ("workflow.configuration", "Config", "Configuration", "`workflow/config.yaml`: what `snakemake` makes."),

@@ -18,7 +18,11 @@ from beamrider.provenance.sources import program
 def read_record(path: Path) -> dict[str, Any] | None:
     """The record that a file holds; None where it holds none, OSError or ValueError where it can't be read."""
     reader = {
-        ".json": _of_json, ".parquet": _of_parquet, ".png": _of_png, ".svg": _of_svg, ".h5": _of_hdf5,
+        ".json": _of_json,
+        ".parquet": _of_parquet,
+        ".png": _of_png,
+        ".svg": _of_svg,
+        ".h5": _of_hdf5,
         ".vtkhdf": _of_hdf5,
     }.get(path.suffix)
     found = reader(path) if reader else None

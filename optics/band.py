@@ -124,7 +124,9 @@ def _gathered(x: Floats, found: list[NormalResponse], missed: Floats) -> BandRes
     """All that was found, with what splines miss in the intervals beside each wavelength (n − 1, 9) in its error."""
     beside = np.maximum(np.vstack([missed[:1], missed]), np.vstack([missed, missed[-1:]]))
     return BandResponse(
-        1e-9 * x, np.array([one.q for one in found]), np.array([one.gradient for one in found]),
+        1e-9 * x,
+        np.array([one.q for one in found]),
+        np.array([one.gradient for one in found]),
         np.array([one.q_error for one in found]) + beside[:, :3],
         np.array([one.gradient_error for one in found]) + beside[:, 3:].reshape(-1, 3, 2),
     )
@@ -162,15 +164,22 @@ def _refuse_grazing(cell: Cell, first_nm: float, last_nm: float) -> None:
 
 def _attributes(cell: Cell, tolerance: float, seconds: float) -> dict[str, Any]:
     return {
-        "name": cell.name, "solver": "thin_film" if isinstance(cell, ThinFilm) else "modal", "cell": cell.model_dump(),
-        "settings": {"tolerance": tolerance}, "cpu_seconds": seconds, "versions": versions("numpy", "scipy"),
+        "name": cell.name,
+        "solver": "thin_film" if isinstance(cell, ThinFilm) else "modal",
+        "cell": cell.model_dump(),
+        "settings": {"tolerance": tolerance},
+        "cpu_seconds": seconds,
+        "versions": versions("numpy", "scipy"),
     }
 
 
 OPTIONS = {
     "--cell": {"required": True, "help": "YAML file of the unit cell"},
     "--wavelength-nm": {
-        "type": float, "nargs": 2, "metavar": ("FIRST", "LAST"), "default": (None, None),
+        "type": float,
+        "nargs": 2,
+        "metavar": ("FIRST", "LAST"),
+        "default": (None, None),
         "help": "the band in vacuum; by default from the cell's own to what a sail at 0.2 c sees of it",
     },
     "--tolerance": {"type": float, "default": TOLERANCE, "help": "error of q (default %(default)s)"},

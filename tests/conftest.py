@@ -40,6 +40,7 @@ PLAIN = "tests/optics/"
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What compiles first, then what needs none of it, then the rest."""
+
     def turn(item: pytest.Item) -> int:
         file = item.nodeid.split("::")[0]
         return COMPILING.index(file) if file in COMPILING else len(COMPILING) + (not file.startswith(PLAIN))

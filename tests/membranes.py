@@ -20,9 +20,18 @@ from tests.synthetic import smooth_tables
 
 _SCENE = read_scene(Path(__file__).parents[1] / "workflow" / "scenes" / "fig6.yaml")
 FILM = {
-    "thickness_m": 400e-9, "density_kg_m3": 2700.0, "young_Pa": 270e9, "poisson": 0.27, "strength_Pa": 6.4e9,
-    "conductivity_W_mK": 3.0, "heat_capacity_J_kgK": 800.0, "expansion_1_K": 2.3e-6, "emissivity_front": 0.1,
-    "emissivity_back": 0.1, "absorptance": 1e-5, "failure_temperature_K": 1673.15,
+    "thickness_m": 400e-9,
+    "density_kg_m3": 2700.0,
+    "young_Pa": 270e9,
+    "poisson": 0.27,
+    "strength_Pa": 6.4e9,
+    "conductivity_W_mK": 3.0,
+    "heat_capacity_J_kgK": 800.0,
+    "expansion_1_K": 2.3e-6,
+    "emissivity_front": 0.1,
+    "emissivity_back": 0.1,
+    "absorptance": 1e-5,
+    "failure_temperature_K": 1673.15,
 }
 
 
@@ -90,8 +99,15 @@ def heating(flight: Flight) -> np.ndarray:
     own, work, state = flight.model.effects, flight.work.effects, flight.state
     thermal.begin(work.heat)
     thermal.add_flows(
-        own.heat, work.heat, own.springs, flight.model.triangles.corners, rows.patch(flight.work.stencil.scratch, 0),
-        state.x, state.temperature, work.light.absorbed, 0.0,
+        own.heat,
+        work.heat,
+        own.springs,
+        flight.model.triangles.corners,
+        rows.patch(flight.work.stencil.scratch, 0),
+        state.x,
+        state.temperature,
+        work.light.absorbed,
+        0.0,
     )
     thermal.end(work.heat)
     return work.heat.rate

@@ -36,7 +36,11 @@ from tests.processes import fork
 
 #: Few examples, always the same ones.
 FEW = settings(
-    max_examples=25, deadline=None, derandomize=True, database=None, phases=[Phase.explicit, Phase.generate],
+    max_examples=25,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    phases=[Phase.explicit, Phase.generate],
     suppress_health_check=list(HealthCheck),
 )
 #: CPU seconds in which everything must have been said, wall seconds on a busy machine, bytes that a process may take.
@@ -45,27 +49,89 @@ LONGEST, PATIENCE, MEMORY = 20, 300, 6 << 30
 OTHER = re.compile(r"\| \d+/\d+ \[|free\), about |^compiling, |it/s\]|\?it/s|^$")
 
 EXTREMES = [
-    0, -1, 1, 0.0, -0.0, 1e-300, 1e300, -1e300, 1e-30, 1e30, 1e15, 1e9, 1e6, 1e5, 1e3, 1e-3, 1e-9, 5e-324, 10**12,
-    10**30, 10**400, 1000, 2**63, float("nan"), float("inf"), float("-inf"),
+    0,
+    -1,
+    1,
+    0.0,
+    -0.0,
+    1e-300,
+    1e300,
+    -1e300,
+    1e-30,
+    1e30,
+    1e15,
+    1e9,
+    1e6,
+    1e5,
+    1e3,
+    1e-3,
+    1e-9,
+    5e-324,
+    10**12,
+    10**30,
+    10**400,
+    1000,
+    2**63,
+    float("nan"),
+    float("inf"),
+    float("-inf"),
 ]
 SCALES = [-1, 0.5, 0.9, 1.1, 2, 3, 10, 100, 1e3, 1e-3, 1e6, 1e-6, 1e12, 1e-12, 1e30, 1e-30]
 #: Values of another kind than any number, choice or name.
 FOREIGN: list[Any] = [
-    "a b", "x" * 100_000, "", "../../etc/passwd", "/etc/passwd", "\x00", "é" * 70, "!!python/name:os.system", [], {},
-    [1, [2]], {"a": {"b": 1}}, [[[[[[[[[[1]]]]]]]]]], ["x"] * 3000, {str(i): i for i in range(3000)},
+    "a b",
+    "x" * 100_000,
+    "",
+    "../../etc/passwd",
+    "/etc/passwd",
+    "\x00",
+    "é" * 70,
+    "!!python/name:os.system",
+    [],
+    {},
+    [1, [2]],
+    {"a": {"b": 1}},
+    [[[[[[[[[[1]]]]]]]]]],
+    ["x"] * 3000,
+    {str(i): i for i in range(3000)},
 ]
 VALUES = st.one_of(
-    st.sampled_from(EXTREMES), st.sampled_from(FOREIGN), st.sampled_from([None, True, False]), st.floats(),
-    st.integers(-(10**20), 10**20), st.text(max_size=30),
+    st.sampled_from(EXTREMES),
+    st.sampled_from(FOREIGN),
+    st.sampled_from([None, True, False]),
+    st.floats(),
+    st.integers(-(10**20), 10**20),
+    st.text(max_size=30),
 )
 GARBAGE = [
-    "[" * 3000, "{a: " * 400, "- " * 2000 + "x", "a: " + "9" * 100_000, "a: 0x" + "f" * 100_000, "? [a, b]\n: 1",
-    "\t- x", "&a [*a]",
-    "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
-        f"{chr(98 + i)}: &{chr(98 + i)} [{', '.join([f'*{chr(97 + i)}'] * 9)}]\n" for i in range(9)
-    ), "!!python/object/apply:os.system ['touch executed']", "a: !!python/name:os.system", "a: !!binary x",
-    "<<: {a: 1}", "%YAML 9", "--- 1\n--- 2", "\ufeff", "a: 2026-01-01", "'", '"', "\x07", "#", "a: 1e999", "a: -", ": ",
-    "a: .inf", "a: 1_000", "...",
+    "[" * 3000,
+    "{a: " * 400,
+    "- " * 2000 + "x",
+    "a: " + "9" * 100_000,
+    "a: 0x" + "f" * 100_000,
+    "? [a, b]\n: 1",
+    "\t- x",
+    "&a [*a]",
+    "a: &a [x, x, x, x, x, x, x, x, x]\n"
+    + "".join(f"{chr(98 + i)}: &{chr(98 + i)} [{', '.join([f'*{chr(97 + i)}'] * 9)}]\n" for i in range(9)),
+    "!!python/object/apply:os.system ['touch executed']",
+    "a: !!python/name:os.system",
+    "a: !!binary x",
+    "<<: {a: 1}",
+    "%YAML 9",
+    "--- 1\n--- 2",
+    "\ufeff",
+    "a: 2026-01-01",
+    "'",
+    '"',
+    "\x07",
+    "#",
+    "a: 1e999",
+    "a: -",
+    ": ",
+    "a: .inf",
+    "a: 1_000",
+    "...",
 ]
 
 
@@ -151,11 +217,14 @@ def damaged(draw: st.DrawFn, content: bytes) -> bytes:
     place, size = draw(st.integers(0, len(content) - 1)), draw(st.sampled_from([1, 8, 64, 512, 4096]))
     kind = draw(st.sampled_from(["cut", "longer", "flipped", "doubled", "zeros", "moved", "gone", "empty"]))
     found = {
-        "cut": content[:place], "longer": content + content[:size], "empty": b"",
+        "cut": content[:place],
+        "longer": content + content[:size],
+        "empty": b"",
         "flipped": content[:place] + bytes([content[place] ^ 1 << draw(st.integers(0, 7))]) + content[place + 1 :],
         "doubled": content[:place] + bytes([(content[place] + 16) % 256]) + content[place + 1 :],
         "zeros": content[:place] + bytes(len(content[place : place + size])) + content[place + size :],
-        "moved": content[place:] + content[:place], "gone": content[:place] + content[place + size :],
+        "moved": content[place:] + content[:place],
+        "gone": content[:place] + content[place + size :],
     }[kind]
     return found if found != content else content[:-1]
 
@@ -226,13 +295,33 @@ def write(path: Path, content: bytes) -> Path:
 
 
 OTHER_ARRAYS = [
-    np.zeros(()), np.zeros(0), np.zeros((2, 2)), np.full(9, np.nan), np.full(9, np.inf), np.arange(9),
-    np.array([b"text"] * 3), np.array("text", dtype=h5py.string_dtype()),
+    np.zeros(()),
+    np.zeros(0),
+    np.zeros((2, 2)),
+    np.full(9, np.nan),
+    np.full(9, np.inf),
+    np.arange(9),
+    np.array([b"text"] * 3),
+    np.array("text", dtype=h5py.string_dtype()),
     np.array([b"pickled"], dtype=h5py.opaque_dtype(np.dtype("V7"))),
-    np.zeros(3, complex), np.zeros(3, [("a", "f8"), ("b", "i4")]), np.zeros((1, 1, 1, 1, 1)), np.zeros(3, np.int8),
+    np.zeros(3, complex),
+    np.zeros(3, [("a", "f8"), ("b", "i4")]),
+    np.zeros((1, 1, 1, 1, 1)),
+    np.zeros(3, np.int8),
 ]
 OTHER_ATTRIBUTES = [
-    "", "text", "{", "[1", "{}", "[]", 1, -1.5, float("nan"), np.zeros(3), "x" * 10_000, np.zeros((2, 0)),
+    "",
+    "text",
+    "{",
+    "[1",
+    "{}",
+    "[]",
+    1,
+    -1.5,
+    float("nan"),
+    np.zeros(3),
+    "x" * 10_000,
+    np.zeros((2, 0)),
 ]
 
 

@@ -87,8 +87,10 @@ def without_locks(number: int) -> Callable[[], None]:
     it is flock's return the error, else allow it.
     """
     code = [
-        (0x20, 0, 0, 0), (0x15, 0, 1, FLOCK[platform.machine()]),
-        (0x06, 0, 0, 0x00050000 | number), (0x06, 0, 0, 0x7FFF0000),
+        (0x20, 0, 0, 0),
+        (0x15, 0, 1, FLOCK[platform.machine()]),
+        (0x06, 0, 0, 0x00050000 | number),
+        (0x06, 0, 0, 0x7FFF0000),
     ]
 
     def prepare() -> None:

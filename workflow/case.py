@@ -67,14 +67,23 @@ def variant(base: Scene, case: Case, tilted: bool) -> Scene:
     swap = dict(zip(NOMINAL, case.designs, strict=True))
     sectors = [s.model_copy(update={"design": swap[str(s.design)]}) for s in base.sail.sectors]
     tilt = case.tilt_deg if tilted else 0.0
-    release = base.release.model_copy(update={
-        "offset_m": [case.offset_m, case.offset_m], "pitch_deg": tilt, "roll_deg": tilt, "spin_Hz": case.spin_Hz,
-    })
-    return base.model_copy(update={
-        "name": f"{case.name}_{base.incidence}", "sail": base.sail.model_copy(update={"sectors": sectors}),
-        "beam": base.beam.model_copy(update={"radius_m": case.beam_radius_m}), "release": release,
-        "rigid": base.rigid.model_copy(update={"duration_s": DURATION, "tolerance": 1e-9}),
-    })
+    release = base.release.model_copy(
+        update={
+            "offset_m": [case.offset_m, case.offset_m],
+            "pitch_deg": tilt,
+            "roll_deg": tilt,
+            "spin_Hz": case.spin_Hz,
+        }
+    )
+    return base.model_copy(
+        update={
+            "name": f"{case.name}_{base.incidence}",
+            "sail": base.sail.model_copy(update={"sectors": sectors}),
+            "beam": base.beam.model_copy(update={"radius_m": case.beam_radius_m}),
+            "release": release,
+            "rigid": base.rigid.model_copy(update={"duration_s": DURATION, "tolerance": 1e-9}),
+        }
+    )
 
 
 @dataclass(frozen=True)
@@ -107,15 +116,22 @@ def small_flight_difference(scene: Scene, tables: dict[str, PressureTable], mode
     x, y, vx, vy, roll, pitch, p, q = small
     start = np.array([x, y, 0, vx, vy, 0, 1, roll / 2, pitch / 2, 0, p, q, model.spin]) * units.state[:13]
     seconds = turns / abs(scene.release.spin_Hz)
-    short = scene.model_copy(update={
-        "beam": scene.beam.model_copy(update={"rise_s": 0.0}), "lookup": "smooth",
-        "rigid": scene.rigid.model_copy(update={"duration_s": seconds, "tolerance": 1e-12}),
-    })
+    short = scene.model_copy(
+        update={
+            "beam": scene.beam.model_copy(update={"rise_s": 0.0}),
+            "lookup": "smooth",
+            "rigid": scene.rigid.model_copy(update={"duration_s": seconds, "tolerance": 1e-12}),
+        }
+    )
     flight = rigid.fly(short, tables, start)
     tilts = [angle[-1] for angle in flight.angles[:2]]
     speed = units.time / units.length
-    end = [*flight.position[-1, :2] / units.length, *flight.velocity[-1, :2] * speed, *tilts,
-           *flight.angular_velocity[-1, :2] * units.time]
+    end = [
+        *flight.position[-1, :2] / units.length,
+        *flight.velocity[-1, :2] * speed,
+        *tilts,
+        *flight.angular_velocity[-1, :2] * units.time,
+    ]
     want = np.linalg.matrix_power(model.monodromy(), turns) @ small
     return float(np.linalg.norm(end - want) / np.linalg.norm(want))
 
@@ -132,13 +148,22 @@ def study(base: Scene, case: Case, tables: dict[str, PressureTable]) -> dict[str
     found = floquet.analyse(displaced, tables)
     flights = {"displaced": fly(displaced, tables), "tilted": fly(tilted, tables)}
     return {
-        "case": case.name, "label": case.label, "incidence": base.incidence, "verdict": found.verdict,
-        "max_modulus": found.max_modulus, "margin_1_s": found.margin, "margin_range_1_s": list(found.margin_range),
-        "multipliers": floquet.pairs(found.multipliers), "route_difference": found.route_difference,
+        "case": case.name,
+        "label": case.label,
+        "incidence": base.incidence,
+        "verdict": found.verdict,
+        "max_modulus": found.max_modulus,
+        "margin_1_s": found.margin,
+        "margin_range_1_s": list(found.margin_range),
+        "multipliers": floquet.pairs(found.multipliers),
+        "route_difference": found.route_difference,
         "small_flight_difference": small_flight_difference(displaced, tables, found.model),
-        "jacobian": found.model.jacobian.tolist(), "paper_verdict": case.paper_verdict,
-        "paper_flight": case.paper_flight, "basin_share": basin_share(displaced, tables),
-        "offset_m": case.offset_m, "release_tilt_deg": case.tilt_deg,
+        "jacobian": found.model.jacobian.tolist(),
+        "paper_verdict": case.paper_verdict,
+        "paper_flight": case.paper_flight,
+        "basin_share": basin_share(displaced, tables),
+        "offset_m": case.offset_m,
+        "release_tilt_deg": case.tilt_deg,
         "flights": {name: {**asdict(flight), "bounded": flight.bounded} for name, flight in flights.items()},
     }
 

@@ -22,11 +22,28 @@ from workflow.candidates import best_members
 from workflow.family import read_family
 
 COLUMNS = {
-    "sail": "", "what_differs": "", "thrust_N": "N", "acceleration_m_s2": "m/s²", "margin_1_s": "1/s",
-    "margin_low_1_s": "1/s", "margin_high_1_s": "1/s", "verdict": "", "margin_fdtd_1_s": "1/s",
-    "margin_fdtd_low_1_s": "1/s", "margin_fdtd_high_1_s": "1/s", "verdict_fdtd": "", "thrust_fdtd_N": "N",
-    "basin_bounded": "", "basin_flights": "", "rigid_end": "", "rigid_distance_m": "m", "flexible_end": "",
-    "flexible_time_s": "s", "flexible_distance_m": "m", "temperature_max": "K", "strain_max": "",
+    "sail": "",
+    "what_differs": "",
+    "thrust_N": "N",
+    "acceleration_m_s2": "m/s²",
+    "margin_1_s": "1/s",
+    "margin_low_1_s": "1/s",
+    "margin_high_1_s": "1/s",
+    "verdict": "",
+    "margin_fdtd_1_s": "1/s",
+    "margin_fdtd_low_1_s": "1/s",
+    "margin_fdtd_high_1_s": "1/s",
+    "verdict_fdtd": "",
+    "thrust_fdtd_N": "N",
+    "basin_bounded": "",
+    "basin_flights": "",
+    "rigid_end": "",
+    "rigid_distance_m": "m",
+    "flexible_end": "",
+    "flexible_time_s": "s",
+    "flexible_distance_m": "m",
+    "temperature_max": "K",
+    "strain_max": "",
 }
 
 
@@ -37,23 +54,30 @@ def stability(path: Path, suffix: str = "") -> dict[str, Any]:
     found = read_json(path)
     low, high = found["margin_range_1_s"]
     return {
-        f"verdict{suffix}": found["verdict"].replace("_", " "), f"margin{suffix}_1_s": found["margin_1_s"],
-        f"margin{suffix}_low_1_s": low, f"margin{suffix}_high_1_s": high, f"thrust{suffix}_N": found["thrust_N"],
+        f"verdict{suffix}": found["verdict"].replace("_", " "),
+        f"margin{suffix}_1_s": found["margin_1_s"],
+        f"margin{suffix}_low_1_s": low,
+        f"margin{suffix}_high_1_s": high,
+        f"thrust{suffix}_N": found["thrust_N"],
     }
 
 
 def flights(folder: Path) -> dict[str, Any]:
     """How the rigid and the flexible flight ended, and their extremes."""
     with (
-        reading(folder, "a folder of readable flights"), read_hdf5(folder / "rigid.h5") as rigid,
+        reading(folder, "a folder of readable flights"),
+        read_hdf5(folder / "rigid.h5") as rigid,
         read_hdf5(folder / "flight.vtkhdf") as flexible,
     ):
         series = flexible["series"]
-        distance = {name: np.hypot(*data["position"][:, :2].T).max() for name, data in
-                    (("rigid", rigid), ("flexible", series))}
+        distance = {
+            name: np.hypot(*data["position"][:, :2].T).max() for name, data in (("rigid", rigid), ("flexible", series))
+        }
         return {
-            "rigid_end": str(rigid.attrs["end_reason"]), "rigid_distance_m": float(distance["rigid"]),
-            "flexible_end": str(series.attrs["end_reason"]), "flexible_distance_m": float(distance["flexible"]),
+            "rigid_end": str(rigid.attrs["end_reason"]),
+            "rigid_distance_m": float(distance["rigid"]),
+            "flexible_end": str(series.attrs["end_reason"]),
+            "flexible_distance_m": float(distance["flexible"]),
             "flexible_time_s": float(series["time"][-1]),
             **{name: float(series[name][()].max()) for name in ("temperature_max", "strain_max")},
         }
@@ -75,11 +99,15 @@ def differences(member: pd.Series, base: pd.Series) -> str:
 def row(name: str, folder: Path, member: pd.Series, base: pd.Series) -> dict[str, Any]:
     """One line of the table."""
     found = {
-        **stability(folder / "floquet.json"), **stability(folder / "floquet_fdtd.json", "_fdtd"), **flights(folder),
+        **stability(folder / "floquet.json"),
+        **stability(folder / "floquet_fdtd.json", "_fdtd"),
+        **flights(folder),
         **basin(folder / "basin" / "sail_frame.h5"),
     }
     return {
-        "sail": name, "what_differs": differences(member, base), "acceleration_m_s2": member["acceleration_m_s2"],
+        "sail": name,
+        "what_differs": differences(member, base),
+        "acceleration_m_s2": member["acceleration_m_s2"],
         **found,
     }
 
@@ -115,8 +143,10 @@ def main() -> None:
     if len(best) != len(given.candidates):
         raise InputError(f"--candidates: {len(given.candidates)} folders; must be {len(best)}, one a member")
     rows = [row("base", given.base, base, base)]
-    rows += [row(f"member {number}", folder, member, base)
-             for folder, (number, member) in zip(given.candidates, best.iterrows(), strict=True)]
+    rows += [
+        row(f"member {number}", folder, member, base)
+        for folder, (number, member) in zip(given.candidates, best.iterrows(), strict=True)
+    ]
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerows([list(COLUMNS), *([text(r.get(key)) for key in COLUMNS] for r in rows)])

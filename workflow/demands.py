@@ -137,8 +137,13 @@ def fdtd_mb(files: Any) -> float:
 
 #: What programs take, of the files that their jobs read.
 MEMORY = {
-    "dynamics.membrane": flight_mb, "dynamics.rigid": rigid_mb, "dynamics.basin": table_mb,
-    "dynamics.floquet": table_mb, "dynamics.maps": table_mb, "dynamics.screening": screening_mb, "optics.fdtd": fdtd_mb,
+    "dynamics.membrane": flight_mb,
+    "dynamics.rigid": rigid_mb,
+    "dynamics.basin": table_mb,
+    "dynamics.floquet": table_mb,
+    "dynamics.maps": table_mb,
+    "dynamics.screening": screening_mb,
+    "optics.fdtd": fdtd_mb,
 }
 
 

@@ -85,8 +85,10 @@ def _kind(data: Any) -> str:
 
 
 Values = Annotated[
-    Annotated[Annotated[list[float], Field(min_length=1)], Tag("list")] | Annotated[Range, Tag("range")]
-    | Annotated[Spread, Tag("errors")] | Annotated[Factors, Tag("factors")],
+    Annotated[Annotated[list[float], Field(min_length=1)], Tag("list")]
+    | Annotated[Range, Tag("range")]
+    | Annotated[Spread, Tag("errors")]
+    | Annotated[Factors, Tag("factors")],
     Discriminator(_kind),
 ]
 
@@ -196,7 +198,9 @@ class Family(Strict):
             if getattr(self.both, name) is not None and (getattr(self.te, name) or getattr(self.tm, name)) is not None:
                 raise ValueError(f"both.{name}: varies in te or tm already")
         wanted = {
-            "product": (list, Range, Factors), "sobol": (list, Range, Factors), "normal": (Spread,),
+            "product": (list, Range, Factors),
+            "sobol": (list, Range, Factors),
+            "normal": (Spread,),
         }[self.sample.kind]
         for key, values in varied.items():
             if not isinstance(values, wanted):
@@ -213,8 +217,10 @@ class Family(Strict):
         """What varies, by place, as in 'te.gap_nm'."""
         groups = ((name, getattr(self, name)) for name in ("te", "tm", "both", "sail"))
         return {
-            f"{name}.{key}": values for name, group in groups
-            for key in type(group).model_fields if (values := getattr(group, key)) is not None
+            f"{name}.{key}": values
+            for name, group in groups
+            for key in type(group).model_fields
+            if (values := getattr(group, key)) is not None
         }
 
     @property
@@ -247,8 +253,13 @@ def cell_parameters(cell: Metagrating) -> dict[str, float]:
         raise InputError(f"{cell.name}: ridges_nm: a family's cell must have two ridges, the first from 0")
     (_, wide), (start, narrow) = cell.ridges_nm
     return {
-        "period_nm": cell.period_nm, "wide_nm": wide, "gap_nm": start - wide, "narrow_nm": narrow,
-        "ridge_height_nm": cell.ridge_height_nm, "membrane_nm": cell.membrane_nm, "index_n": cell.index.n,
+        "period_nm": cell.period_nm,
+        "wide_nm": wide,
+        "gap_nm": start - wide,
+        "narrow_nm": narrow,
+        "ridge_height_nm": cell.ridge_height_nm,
+        "membrane_nm": cell.membrane_nm,
+        "index_n": cell.index.n,
         "index_k": cell.index.k,
     }
 
@@ -263,9 +274,11 @@ def make_cell(base: Metagrating, p: dict[str, float], name: str, source: str = "
     if p["wide_nm"] + p["gap_nm"] + p["narrow_nm"] > p["period_nm"]:
         return None
     data = base.model_dump() | {
-        "name": name, "period_nm": p["period_nm"],
+        "name": name,
+        "period_nm": p["period_nm"],
         "ridges_nm": [[0.0, p["wide_nm"]], [p["wide_nm"] + p["gap_nm"], p["narrow_nm"]]],
-        "ridge_height_nm": p["ridge_height_nm"], "membrane_nm": p["membrane_nm"],
+        "ridge_height_nm": p["ridge_height_nm"],
+        "membrane_nm": p["membrane_nm"],
         "index": {"n": p["index_n"], "k": p["index_k"]},
     }
     return validate(data, Metagrating, f"{source}: cell {name}" if source else name)
@@ -277,10 +290,15 @@ def base_parameters(scene: Scene, cells: list[Metagrating]) -> dict[str, float]:
     half = starts[0]
     if len(starts) != 4 or not np.allclose(starts, [half, 180 - half, 180 + half, 360 - half]):
         raise InputError(f"{scene.name}.yaml: sail.sectors: a family needs four, from a, 180 − a, 180 + a and 360 − a")
-    out = {f"{group}.{key}": x for group, cell in zip(("te", "tm"), cells, strict=True)
-           for key, x in cell_parameters(cell).items()}
+    out = {
+        f"{group}.{key}": x
+        for group, cell in zip(("te", "tm"), cells, strict=True)
+        for key, x in cell_parameters(cell).items()
+    }
     return out | {
-        "sail.sector_deg": 2.0 * half, "sail.spin_Hz": scene.release.spin_Hz, "sail.beam_radius_m": scene.beam.radius_m,
+        "sail.sector_deg": 2.0 * half,
+        "sail.spin_Hz": scene.release.spin_Hz,
+        "sail.beam_radius_m": scene.beam.radius_m,
     }
 
 

@@ -29,22 +29,27 @@ INTENSITY, EMISSIVITY = (0.1, 1.0), (0.1, 0.8)
 VARIANTS = [(a, p) for a in ("material", "table") for p in ("mass_equivalent", "membrane")]
 
 
-def variant(
-    base: Scene, absorptance: str, in_plane: str, share: float = 1.0, emissivity: float | None = None
-) -> Scene:
+def variant(base: Scene, absorptance: str, in_plane: str, share: float = 1.0, emissivity: float | None = None) -> Scene:
     """The scene on `RINGS` rings for `DURATION`, with a share of its beam and another emissivity of both faces."""
     sectors = base.sail.sectors
     if emissivity is not None:
         faces = {"emissivity_front": emissivity, "emissivity_back": emissivity, "thickness_m": None}
         sectors = [s.model_copy(update={"material": s.properties.model_copy(update=faces)}) for s in sectors]
     flight = {
-        "duration_s": DURATION, "in_plane": in_plane, "snapshot_every_s": 1e-3, "optics_every": 4, "heat_every": 4,
+        "duration_s": DURATION,
+        "in_plane": in_plane,
+        "snapshot_every_s": 1e-3,
+        "optics_every": 4,
+        "heat_every": 4,
     }
-    return base.model_copy(update={
-        "absorptance": absorptance, "flight": base.flight.model_copy(update=flight),
-        "sail": base.sail.model_copy(update={"rings": RINGS, "sectors": sectors}),
-        "beam": base.beam.model_copy(update={"intensity_W_m2": share * base.beam.intensity_W_m2}),
-    })
+    return base.model_copy(
+        update={
+            "absorptance": absorptance,
+            "flight": base.flight.model_copy(update=flight),
+            "sail": base.sail.model_copy(update={"rings": RINGS, "sectors": sectors}),
+            "beam": base.beam.model_copy(update={"intensity_W_m2": share * base.beam.intensity_W_m2}),
+        }
+    )
 
 
 def fly(scene: Scene, tables: dict[str, PressureTable]) -> dict[str, Any]:
@@ -57,11 +62,16 @@ def fly(scene: Scene, tables: dict[str, PressureTable]) -> dict[str, Any]:
         series = {name: values for name, (values, _) in flight.columns().items()}
     lit = series["time"] >= 0.0
     return {
-        "absorptance": scene.absorptance, "in_plane": scene.flight.in_plane,
+        "absorptance": scene.absorptance,
+        "in_plane": scene.flight.in_plane,
         "intensity_W_m2": scene.beam.intensity_W_m2,
-        "emissivity": scene.sail.sectors[0].properties.emissivity_front, "end": end.reason, "time_s": end.time,
-        "temperature_K": float(series["temperature_max"].max()), "strain": float(series["strain_max"][lit].max()),
-        "slack": float(max(slack)), "distance_m": float(np.hypot(*series["position"].T[:2]).max()),
+        "emissivity": scene.sail.sectors[0].properties.emissivity_front,
+        "end": end.reason,
+        "time_s": end.time,
+        "temperature_K": float(series["temperature_max"].max()),
+        "strain": float(series["strain_max"][lit].max()),
+        "slack": float(max(slack)),
+        "distance_m": float(np.hypot(*series["position"].T[:2]).max()),
         "height_m": float(series["position"][-1, 2]),
     }
 

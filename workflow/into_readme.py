@@ -1,6 +1,6 @@
 """Put a generated table into the README, between the comments that carry its name.
 
-    python -m workflow.into_readme accuracy_optics results/accuracy/optics.md
+python -m workflow.into_readme accuracy_optics results/accuracy/optics.md
 """
 
 from __future__ import annotations

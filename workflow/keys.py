@@ -117,7 +117,8 @@ class Keys:
             return digest_of([key(wildcards), str(resources.get("accept", ""))])
 
         self._params_before[rule.name] = [
-            (name, item) for name, item in rule.params._allitems()
+            (name, item)
+            for name, item in rule.params._allitems()
             if not (callable(item) and LATER & set(get_function_params(item)))
         ]
         wrapped = InputFiles()
@@ -131,6 +132,7 @@ class Keys:
 
     def _item(self, rule: Rule, item: Any) -> Callable[[Wildcards], Any]:
         """The item of a rule's input, where the job is to be run."""
+
         def needed(wildcards: Wildcards) -> Any:
             return [] if self.current(rule, dict(wildcards.items())) else self._value(item, wildcards)
 
@@ -169,10 +171,14 @@ class Keys:
         at = rule.name, frozenset(wildcards.items())
         if at not in self._keys:
             command = WILDCARD.sub(lambda found: wildcards[found[1]], self._commands[rule.name])
-            self._keys[at] = digest_of([
-                command, [self._program(name) for name in PROGRAM.findall(command)],
-                list(self._params(rule, wildcards)), [self._input_key(path) for path in self._paths(rule, wildcards)],
-            ])
+            self._keys[at] = digest_of(
+                [
+                    command,
+                    [self._program(name) for name in PROGRAM.findall(command)],
+                    list(self._params(rule, wildcards)),
+                    [self._input_key(path) for path in self._paths(rule, wildcards)],
+                ]
+            )
         return self._keys[at]
 
     @functools.cache  # noqa: B019

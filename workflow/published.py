@@ -33,12 +33,28 @@ SOURCE = Path("workflow/published.yaml")
 SNAPSHOTS = 500
 
 Quantity = Literal[
-    "outcome", "leaves the beam", "largest distance from the axis", "largest tilt", "peak temperature",
-    "highest temperature of the coldest point", "largest strain", "speed at the end", "x", "y", "z",
-    "temperature_max_triangles", "temperature_mean", "strain_max",
+    "outcome",
+    "leaves the beam",
+    "largest distance from the axis",
+    "largest tilt",
+    "peak temperature",
+    "highest temperature of the coldest point",
+    "largest strain",
+    "speed at the end",
+    "x",
+    "y",
+    "z",
+    "temperature_max_triangles",
+    "temperature_mean",
+    "strain_max",
 ]
 Outcome = Literal[
-    "rides the beam", "leaves the beam", "swings wider and wider", "tips over", "collapses", "tears",
+    "rides the beam",
+    "leaves the beam",
+    "swings wider and wider",
+    "tips over",
+    "collapses",
+    "tears",
     "falls to pieces",
 ]
 
@@ -100,9 +116,12 @@ def as_flown(scene: Scene, flight: PublishedFlight) -> Scene:
     changes = {"duration_s": duration, "snapshot_every_s": max(scene.flight.snapshot_every_s, duration / SNAPSHOTS)}
     if scene.flight.time_step_s is not None:
         changes["time_step_s"] = scene.flight.time_step_s * scene.sail.rings / rings
-    return scene.model_copy(update={
-        "sail": scene.sail.model_copy(update={"rings": rings}), "flight": scene.flight.model_copy(update=changes),
-    })
+    return scene.model_copy(
+        update={
+            "sail": scene.sail.model_copy(update={"rings": rings}),
+            "flight": scene.flight.model_copy(update=changes),
+        }
+    )
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """The published pressure tables as `PressureTable`s, where the data are at hand. They are never part of the repository.
 
-    python -m workflow.published_tables --data ../shared/reference/published_pressure_tables.npz --out DIR
+python -m workflow.published_tables --data ../shared/reference/published_pressure_tables.npz --out DIR
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ def chart(edges: Edges) -> str:
         lines += [f"    {name.replace('.', '_')}[{name.split('.')[1]}]" for name in inside]
         lines.append("  end")
     kept = reduced(edges)
-    lines += [f"  {a} --> {b}".replace('.', '_') for a in sorted(kept) for b in sorted(kept[a])]
+    lines += [f"  {a} --> {b}".replace(".", "_") for a in sorted(kept) for b in sorted(kept[a])]
     return "\n".join([*lines, "```", ""])
 
 

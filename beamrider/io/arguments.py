@@ -70,11 +70,13 @@ def table_arguments(
         "--u-max": {"type": float, "default": u_max, "help": "largest |u| of the table (default %(default)s)"},
         "--v-max": {"type": float, "default": u_max, "help": "largest |v| of the table (default %(default)s)"},
         "--tolerance": {
-            "type": float, "default": tolerance,
+            "type": float,
+            "default": tolerance,
             "help": "error of q that 99 %% of the directions must keep (default %(default)s); missed: exit code 3",
         },
         "--accept-missed": {
-            "action": "store_true", "help": "end with exit code 0 although the tolerance was missed",
+            "action": "store_true",
+            "help": "end with exit code 0 although the tolerance was missed",
         },
     }
     if not v_max:

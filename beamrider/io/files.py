@@ -207,8 +207,13 @@ def whole(path: str | Path, needed: bool = True) -> str:
         return f"{path}: no such file"
     except OSError as error:
         return f"{path}: cannot be read ({error.strerror})"
-    cure = "delete it, and give the command again that made it" if needed else (
-        "delete it, and give the command again that made it; or delete its checksum, to use it as a file of your own"
+    cure = (
+        "delete it, and give the command again that made it"
+        if needed
+        else (
+            "delete it, and give the command again that made it; "
+            "or delete its checksum, to use it as a file of your own"
+        )
     )
     return f"{path}: {found}; {cure}" if found else ""
 
@@ -250,7 +255,13 @@ def progress(items: Iterable[Any], what: str, total: int | None = None, unit: st
     """
     terminal = sys.stderr.isatty()
     return tqdm(
-        items, desc=what, total=total, unit=unit, initial=initial, smoothing=0, mininterval=0.2 if terminal else 60,
+        items,
+        desc=what,
+        total=total,
+        unit=unit,
+        initial=initial,
+        smoothing=0,
+        mininterval=0.2 if terminal else 60,
         ascii=not terminal,
     )
 

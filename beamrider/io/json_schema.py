@@ -21,9 +21,25 @@ from beamrider.provenance.sources import is_text
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 #: Units by the last parts of keys.
 UNITS = {
-    "nm": "nm", "m": "m", "s": "s", "minutes": "min", "deg": "°", "Hz": "Hz", "K": "K", "Pa": "Pa", "N": "N",
-    "kg": "kg", "W_m2": "W/m²", "kg_m3": "kg/m³", "W_mK": "W/(m K)", "J_kgK": "J/(kg K)", "1_K": "1/K", "m_s": "m/s",
-    "m_s2": "m/s²", "N_m": "N/m", "N_s_m": "N s/m",
+    "nm": "nm",
+    "m": "m",
+    "s": "s",
+    "minutes": "min",
+    "deg": "°",
+    "Hz": "Hz",
+    "K": "K",
+    "Pa": "Pa",
+    "N": "N",
+    "kg": "kg",
+    "W_m2": "W/m²",
+    "kg_m3": "kg/m³",
+    "W_mK": "W/(m K)",
+    "J_kgK": "J/(kg K)",
+    "1_K": "1/K",
+    "m_s": "m/s",
+    "m_s2": "m/s²",
+    "N_m": "N/m",
+    "N_s_m": "N s/m",
 }
 
 

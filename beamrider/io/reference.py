@@ -10,7 +10,11 @@ Rule = dict[str, Any]
 #: Places that are named of a mapping that files have in many.
 PLACES = 6
 WORDS = {
-    "number": "number", "integer": "whole number", "string": "text", "boolean": "`true`, `false`", "null": "`null`",
+    "number": "number",
+    "integer": "whole number",
+    "string": "text",
+    "boolean": "`true`, `false`",
+    "null": "`null`",
 }
 HEAD = "| key | what it is | unit | default | meaning |\n|---|---|---|---|---|"
 

@@ -22,22 +22,37 @@ LONGEST_WORD, LONGEST_LINE = 300, 1500
 LONG = re.compile(rf"\S{{{MOST + 1},}}")
 #: What each kind of error asks for; {…} are the limits that come with it.
 MUST = {
-    "bool_type": "true or false", "bool_parsing": "true or false",
-    "int_type": "a whole number", "int_parsing": "a whole number", "int_from_float": "a whole number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
     "int_parsing_size": "a whole number of fewer digits",
-    "float_type": "a number", "float_parsing": "a number", "finite_number": "a finite number",
-    "string_type": "text", "string_unicode": "text", "string_sub_type": "text",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+    "string_type": "text",
+    "string_unicode": "text",
+    "string_sub_type": "text",
     "none_required": "null",
-    "list_type": "a list", "tuple_type": "a list", "iterable_type": "a list",
-    "dict_type": "a mapping of keys to values", "mapping_type": "a mapping of keys to values",
-    "model_attributes_type": "a mapping of keys to values", "dataclass_type": "a mapping of keys to values",
-    "greater_than": "greater than {gt:g}", "greater_than_equal": "greater than or equal to {ge:g}",
-    "less_than": "less than {lt:g}", "less_than_equal": "less than or equal to {le:g}",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "iterable_type": "a list",
+    "dict_type": "a mapping of keys to values",
+    "mapping_type": "a mapping of keys to values",
+    "model_attributes_type": "a mapping of keys to values",
+    "dataclass_type": "a mapping of keys to values",
+    "greater_than": "greater than {gt:g}",
+    "greater_than_equal": "greater than or equal to {ge:g}",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "less than or equal to {le:g}",
     "multiple_of": "a multiple of {multiple_of:g}",
-    "string_too_short": "of at least {min_length} characters", "string_too_long": "of at most {max_length} characters",
+    "string_too_short": "of at least {min_length} characters",
+    "string_too_long": "of at most {max_length} characters",
     "string_pattern_mismatch": "made of letters, digits, '_', '.' and '-' only, a letter, digit or '_' first",
     "union_tag_invalid": "one of {expected_tags}",
-    "union_tag_not_found": "a mapping that names its kind", "recursion_loop": "a value that does not hold itself",
+    "union_tag_not_found": "a mapping that names its kind",
+    "recursion_loop": "a value that does not hold itself",
 }
 #: What a branch of a union is for, by the beginning of its name.
 TEXT, LIST, NUMBER = ("str", "constrained-str", "literal"), ("list", "tuple"), ("int", "float", "constrained-")
@@ -104,8 +119,10 @@ def _flow(value: Any, levels: int) -> str:
         if levels == 0 and value:
             return f"{opening}…{closing}"
         some = list(value.items() if isinstance(value, Mapping) else value)[:ENTRIES]
-        parts = [": ".join(_flow(x, levels - 1) for x in part) if isinstance(value, Mapping) else
-                 _flow(part, levels - 1) for part in some]
+        parts = [
+            ": ".join(_flow(x, levels - 1) for x in part) if isinstance(value, Mapping) else _flow(part, levels - 1)
+            for part in some
+        ]
         return f"{opening}{', '.join(parts + ['…'] * (len(value) > ENTRIES))}{closing}"
     if isinstance(value, float) and not math.isfinite(value):
         return {"inf": ".inf", "-inf": "-.inf"}.get(str(value), ".nan")

@@ -65,7 +65,10 @@ def _integer(loader: Loader, node: yaml.ScalarNode) -> int:
 _INTEGER = r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+"
 _FLOAT = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"
 for _tag, _pattern in (
-    ("null", "null|Null|NULL|~|"), ("bool", "true|True|TRUE|false|False|FALSE"), ("int", _INTEGER), ("float", _FLOAT),
+    ("null", "null|Null|NULL|~|"),
+    ("bool", "true|True|TRUE|false|False|FALSE"),
+    ("int", _INTEGER),
+    ("float", _FLOAT),
 ):
     Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"^(?:{_pattern})$"), [None])
 Loader.add_constructor("tag:yaml.org,2002:int", _integer)

@@ -54,7 +54,7 @@ class Checked(caching.IndexDataCacheFile):
         start = pickle.dumps(self._version, protocol=-1)
         with contextlib.suppress(FileNotFoundError):
             content = Path(self._index_path).read_bytes()
-            if content.startswith(start) and _fits(content[len(start):]):
+            if content.startswith(start) and _fits(content[len(start) :]):
                 return super()._load_index()
         return {}
 

@@ -52,7 +52,9 @@ class _Entrances:
     """What takes the place of methods of Numba's dispatcher."""
 
     call_template, compile, add, for_python = (
-        CPUDispatcher.get_call_template, CPUDispatcher.compile, CPUDispatcher.add_overload,
+        CPUDispatcher.get_call_template,
+        CPUDispatcher.compile,
+        CPUDispatcher.add_overload,
         CPUDispatcher._compile_for_args,
     )
     finalize = cpu.CPUTargetOptions.finalize

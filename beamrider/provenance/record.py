@@ -58,7 +58,10 @@ def _record(name: str, given: tuple[str, ...]) -> dict[str, Any] | None:
     except FileNotFoundError:  # a test's own program
         return None
     return {
-        "program": name, "arguments": _arguments(given), "inputs": _inputs(given), "code": made.code,
+        "program": name,
+        "arguments": _arguments(given),
+        "inputs": _inputs(given),
+        "code": made.code,
         "libraries": made.libraries,
     }
 

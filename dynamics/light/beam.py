@@ -32,9 +32,13 @@ class Part(Strict):
     """One of the spots of a `sum`."""
 
     profile: Annotated[Shape, Field(discriminator="kind", description="As the beam's own, without 'sum'.")] = Gaussian()
-    share: Annotated[NonNegative, Field(
-        description="Share of intensity_W_m2 where the spot is brightest.", json_schema_extra=DIMENSIONLESS,
-    )] = 1.0
+    share: Annotated[
+        NonNegative,
+        Field(
+            description="Share of intensity_W_m2 where the spot is brightest.",
+            json_schema_extra=DIMENSIONLESS,
+        ),
+    ] = 1.0
     x_m: Annotated[Number, Field(description="Place of its middle in m.")] = 0.0
     y_m: Annotated[Number, Field(description="Place of its middle in m.")] = 0.0
     radius_m: Annotated[Positive | None, Field(description="Radius in m; null for a map, which has its own.")] = None
@@ -54,7 +58,10 @@ class Part(Strict):
         """As the rest of the program knows it."""
         radius = self.radius_m or 1.0
         return Spot(
-            self.profile, self.share, (self.x_m, self.y_m), (radius, self.radius_y_m or radius),
+            self.profile,
+            self.share,
+            (self.x_m, self.y_m),
+            (radius, self.radius_y_m or radius),
             math.radians(self.angle_deg),
         )
 
@@ -76,15 +83,24 @@ class Beam(Strict):
     the field that turns with the 'sail' is at `polarisation_deg` from the body's x.
     """
 
-    intensity_W_m2: Annotated[NonNegative, Field(
-        description="Where the profile is brightest, in W/m²; a map with a unit brings its own.",
-    )]
-    radius_m: Annotated[Positive, Field(
-        description="Radius of the profile in m, of 1/e² intensity of a Gaussian beam; a map or sum brings its own.",
-    )]
-    radius_y_m: Annotated[Positive | None, Field(
-        description="Radius in m along the second axis of an astigmatic beam; null: the same.",
-    )] = None
+    intensity_W_m2: Annotated[
+        NonNegative,
+        Field(
+            description="Where the profile is brightest, in W/m²; a map with a unit brings its own.",
+        ),
+    ]
+    radius_m: Annotated[
+        Positive,
+        Field(
+            description="Radius of the profile in m, of 1/e² intensity of a Gaussian; maps and sums bring their own.",
+        ),
+    ]
+    radius_y_m: Annotated[
+        Positive | None,
+        Field(
+            description="Radius in m along the second axis of an astigmatic beam; null: the same.",
+        ),
+    ] = None
     angle_deg: Annotated[Number, Field(ge=-360, le=360, description="Its first axis from x towards y.")] = 0.0
     profile: Annotated[Shape | Sum, Field(discriminator="kind", description="Intensity across the beam.")] = Gaussian()
     delay_s: Annotated[NonNegative, Field(description="Dark until then, in s.")] = 0.0
@@ -134,8 +150,13 @@ class Beam(Strict):
             return [Spot(self.profile, 1.0, (0.0, 0.0), (radius, self.radius_y_m or radius), turn)]
         c, s = math.cos(turn), math.sin(turn)
         return [
-            Spot(one.profile, one.share, (c * one.place[0] - s * one.place[1], s * one.place[0] + c * one.place[1]),
-                 one.radii, one.angle + turn)
+            Spot(
+                one.profile,
+                one.share,
+                (c * one.place[0] - s * one.place[1], s * one.place[0] + c * one.place[1]),
+                one.radii,
+                one.angle + turn,
+            )
             for one in (part.spot for part in self.profile.parts)
         ]
 

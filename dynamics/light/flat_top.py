@@ -41,10 +41,15 @@ class FlatTop(Profile):
 
     kind: Literal["flat_top"] = "flat_top"
     """What the profile is."""
-    order: Annotated[int, Field(
-        ge=0, le=100, json_schema_extra=DIMENSIONLESS,
-        description="Order N: the edge is about radius/√(N + 1) wide; 0 is a Gaussian beam.",
-    )] = 20
+    order: Annotated[
+        int,
+        Field(
+            ge=0,
+            le=100,
+            json_schema_extra=DIMENSIONLESS,
+            description="Order N: the edge is about radius/√(N + 1) wide; 0 is a Gaussian beam.",
+        ),
+    ] = 20
 
     @property
     def function(self) -> Callable[..., None]:

@@ -43,7 +43,9 @@ def round_moments(
     first = np.stack([np.sin(stop) - np.sin(start), np.cos(start) - np.cos(stop)], axis=-1)
     second = np.stack([span + double, mixed, mixed, span - double], axis=-1).reshape(*span.shape, 2, 2) / 2.0
     return Moments(
-        w**2 * area * span, (w**3 * lever)[..., None] * first, (w * fall)[..., None] * first,
+        w**2 * area * span,
+        (w**3 * lever)[..., None] * first,
+        (w * fall)[..., None] * first,
         (w**2 * falls)[..., None, None] * second,
     )
 
@@ -69,9 +71,18 @@ def beam_moments(spots: Spots, spans: rules.Spans, radius: float, yaw: Floats) -
     while (n := n + n // 2) <= _MANY and rules.size(spans, radius, length, n) <= rules.MOST_POINTS:
         fine = _quadrature(spots, spans, radius, yaw, n)
         whole = np.abs(fine.zeroth).sum(axis=-1).max()
-        if max(np.abs(a - b).max() / c for a, b, c in zip(
-            _parts(coarse), _parts(fine), (whole, whole * radius, whole / spot.finest(spots), whole), strict=True
-        )) <= error:
+        if (
+            max(
+                np.abs(a - b).max() / c
+                for a, b, c in zip(
+                    _parts(coarse),
+                    _parts(fine),
+                    (whole, whole * radius, whole / spot.finest(spots), whole),
+                    strict=True,
+                )
+            )
+            <= error
+        ):
             return fine
         coarse = fine
     raise steep

@@ -37,19 +37,32 @@ Density = Annotated[list[Annotated[float, Field(ge=0, le=1e30)]], Field(min_leng
 class Noise(Strict):
     """A random record: either `rms`, white up to `cutoff_Hz`, or a one-sided `spectrum`. Units: what it is noise of."""
 
-    rms: Annotated[NonNegative | None, Field(
-        description="Root mean square.", json_schema_extra={"unit": "m, ° or share"},
-    )] = None
+    rms: Annotated[
+        NonNegative | None,
+        Field(
+            description="Root mean square.",
+            json_schema_extra={"unit": "m, ° or share"},
+        ),
+    ] = None
     cutoff_Hz: Annotated[Positive | None, Field(description="Highest frequency in Hz of a white spectrum.")] = None
-    spectrum: Annotated[list[Density] | None, Field(
-        json_schema_extra={"unit": "Hz, (m, ° or share)²/Hz"},
-        min_length=2, max_length=10_000,
-        description="Rows of frequency in Hz and one-sided power density in unit²/Hz, straight between; 0 outside.",
-    )] = None
-    seed: Annotated[int, Field(
-        ge=0, le=2**63 - 1, description="Of the random phases: the same seed, the same record.",
-        json_schema_extra=DIMENSIONLESS,
-    )]
+    spectrum: Annotated[
+        list[Density] | None,
+        Field(
+            json_schema_extra={"unit": "Hz, (m, ° or share)²/Hz"},
+            min_length=2,
+            max_length=10_000,
+            description="Rows of frequency in Hz and one-sided power density in unit²/Hz, straight between; 0 outside.",
+        ),
+    ] = None
+    seed: Annotated[
+        int,
+        Field(
+            ge=0,
+            le=2**63 - 1,
+            description="Of the random phases: the same seed, the same record.",
+            json_schema_extra=DIMENSIONLESS,
+        ),
+    ]
     record_s: Annotated[Positive, Field(le=1e6, description="Length in s of the record, which then repeats.")] = 10.0
 
     @model_validator(mode="after")
@@ -97,14 +110,22 @@ class Pointing(Strict):
     and stays where it is before the first and after the last. Time is that of flight: the release is at 0.
     """
 
-    path: Annotated[list[Row] | None, Field(
-        json_schema_extra={"unit": "s, m, m, °, °"},
-        min_length=2, max_length=MOST_ROWS,
-        description="Rows of time in s, x and y in m and, if it tilts, tilt towards x and y in degrees.",
-    )] = None
-    path_file: Annotated[str | None, Field(
-        max_length=200, description="CSV file with columns t_s, x_m, y_m and, if it tilts, tilt_x_deg, tilt_y_deg.",
-    )] = None
+    path: Annotated[
+        list[Row] | None,
+        Field(
+            json_schema_extra={"unit": "s, m, m, °, °"},
+            min_length=2,
+            max_length=MOST_ROWS,
+            description="Rows of time in s, x and y in m and, if it tilts, tilt towards x and y in degrees.",
+        ),
+    ] = None
+    path_file: Annotated[
+        str | None,
+        Field(
+            max_length=200,
+            description="CSV file with columns t_s, x_m, y_m and, if it tilts, tilt_x_deg, tilt_y_deg.",
+        ),
+    ] = None
     jitter_m: Annotated[Noise | None, Field(description="Jitter of x and of y, each of this size, in m.")] = None
     jitter_deg: Annotated[Noise | None, Field(description="Jitter of both tilts, each of this size, in °.")] = None
 
@@ -159,7 +180,9 @@ def _tracks(pointing: Pointing, power: Noise | None) -> list[tuple[PPoly, float,
         columns[:, 2:] = np.radians(columns[:, 2:])
         found.append((PchipInterpolator(rows[:, 0], columns), 0.0, list(range(columns.shape[1]))))
     for noise, channels, unit in (
-        (pointing.jitter_m, [0, 1], 1.0), (pointing.jitter_deg, [2, 3], math.pi / 180.0), (power, [4], 1.0),
+        (pointing.jitter_m, [0, 1], 1.0),
+        (pointing.jitter_deg, [2, 3], math.pi / 180.0),
+        (power, [4], 1.0),
     ):
         if noise is not None:
             times = noise.record(0)[0]
@@ -180,7 +203,9 @@ def wander(pointing: Pointing, power: Noise | None, length: float = 1.0, time: f
         pieces.append(piece * scale[:, None])
     starts: NDArray[np.int64] = np.cumsum([0, *(cubic.x.size for cubic, _, _ in tracks)]).astype(np.int64)
     return Wander(
-        starts, np.concatenate([np.empty(0), *(cubic.x / time for cubic, _, _ in tracks)]), np.concatenate(pieces),
+        starts,
+        np.concatenate([np.empty(0), *(cubic.x / time for cubic, _, _ in tracks)]),
+        np.concatenate(pieces),
         np.array([period / time for _, period, _ in tracks]),
     )
 

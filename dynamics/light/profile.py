@@ -68,7 +68,8 @@ class Profile(Strict):
         out = np.empty(u.size)
         one = [1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0]
         packed = compiled.Profile(
-            np.array([compiled.address(self.function)]), np.array([0, compiled.OWN + len(self.numbers)]),
+            np.array([compiled.address(self.function)]),
+            np.array([0, compiled.OWN + len(self.numbers)]),
             np.array([*one, *self.numbers]),
         )
         compiled.shine(packed, np.ascontiguousarray(u.ravel()), np.ascontiguousarray(v.ravel()), 0, u.size, out, 0)

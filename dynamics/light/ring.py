@@ -33,10 +33,15 @@ class Ring(Profile):
 
     kind: Literal["ring"] = "ring"
     """What the profile is."""
-    charge: Annotated[int, Field(
-        ge=0, le=50, json_schema_extra=DIMENSIONLESS,
-        description="Turns ℓ of phase about the axis; brightest at radius·√(ℓ/2); 0 is a Gaussian beam.",
-    )] = 1
+    charge: Annotated[
+        int,
+        Field(
+            ge=0,
+            le=50,
+            json_schema_extra=DIMENSIONLESS,
+            description="Turns ℓ of phase about the axis; brightest at radius·√(ℓ/2); 0 is a Gaussian beam.",
+        ),
+    ] = 1
 
     @property
     def function(self) -> Callable[..., None]:

@@ -113,8 +113,11 @@ def profile_rules(spots: Spots, spans: Spans, radius: float, error: float) -> Ru
     starts = np.cumsum([0, *(len(every) for _, every in found)])
     first = np.stack([ends + start for (ends, _), start in zip(found, starts, strict=False)])
     return Rules(
-        np.array([limits[0][0], np.inf]), np.array([limits[0][1], np.inf]), first,
-        np.concatenate([every for _, every in found]), 0.0,
+        np.array([limits[0][0], np.inf]),
+        np.array([limits[0][1], np.inf]),
+        first,
+        np.concatenate([every for _, every in found]),
+        0.0,
     )
 
 

@@ -62,7 +62,8 @@ def pack(spots: Spots, per_metre: float) -> compiled.Profile:
     numbers = [spot.numbers(per_metre) for spot in spots]
     return compiled.Profile(
         np.array([compiled.address(spot.profile.function) for spot in spots], np.int64),
-        np.cumsum([0, *map(len, numbers)]).astype(np.int64), np.concatenate([np.empty(0), *numbers]),
+        np.cumsum([0, *map(len, numbers)]).astype(np.int64),
+        np.concatenate([np.empty(0), *numbers]),
     )
 
 

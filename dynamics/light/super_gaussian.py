@@ -31,10 +31,16 @@ class SuperGaussian(Profile):
 
     kind: Literal["super_gaussian"] = "super_gaussian"
     """What the profile is."""
-    order: Annotated[int, Field(
-        ge=2, le=100, multiple_of=2, json_schema_extra=DIMENSIONLESS,
-        description="Power p of the distance, even: odd ones have a cusp; 2 is Gaussian.",
-    )] = 8
+    order: Annotated[
+        int,
+        Field(
+            ge=2,
+            le=100,
+            multiple_of=2,
+            json_schema_extra=DIMENSIONLESS,
+            description="Power p of the distance, even: odd ones have a cusp; 2 is Gaussian.",
+        ),
+    ] = 8
 
     @property
     def function(self) -> Callable[..., None]:

@@ -81,8 +81,10 @@ def stiffened(scene: Scene, mesh: Mesh, matrix: csr_matrix, masses: Floats) -> t
         found = supports(scene.holding, mesh)
         np.add.at(extra, found.sprung, found.stiffness)
     links = _links(scene, mesh, tethers.stiffness) + diags(extra)
-    grown = csr_matrix((matrix.data, matrix.indices, np.append(matrix.indptr, np.full(3 * b, matrix.indptr[-1]))),
-                       shape=(3 * (n + b), 3 * (n + b)))
+    grown = csr_matrix(
+        (matrix.data, matrix.indices, np.append(matrix.indptr, np.full(3 * b, matrix.indptr[-1]))),
+        shape=(3 * (n + b), 3 * (n + b)),
+    )
     return (grown + kron(links, eye(3))).tocsr(), np.append(masses, tethers.mass)
 
 

@@ -40,7 +40,9 @@ MARGIN = 0.8
 #: Updates of the held light to the shortest period of the beam's jitter: it then lags by less than 1 % of it.
 HOLDS = 16
 INTEGRATORS = {
-    "semi_implicit_euler": integrators.SEMI_IMPLICIT_EULER, "verlet": integrators.VERLET, "rk4": integrators.RK4,
+    "semi_implicit_euler": integrators.SEMI_IMPLICIT_EULER,
+    "verlet": integrators.VERLET,
+    "rk4": integrators.RK4,
     "corotating": integrators.VERLET,
 }
 
@@ -128,10 +130,18 @@ def _model(setup: Setup) -> Model:
         triangles=Triangles(
             corners=unsigned(mesh.triangles.T), masses=per_triangle(scene.sail, mesh, "areal_mass") * mesh.areas
         ),
-        masses=masses, rest=np.ascontiguousarray(centred(mesh, masses).T), lit=setup.on("light"), warm=setup.warm,
-        integrator=INTEGRATORS[flight.integrator], dt=setup.dt, release=release,
-        end=release + math.ceil(flight.duration_s / setup.dt - 1e-9), optics_every=flight.optics_every,
-        series_every=flight.series_every, fly_away=scene.fly_away, effects=effects,
+        masses=masses,
+        rest=np.ascontiguousarray(centred(mesh, masses).T),
+        lit=setup.on("light"),
+        warm=setup.warm,
+        integrator=INTEGRATORS[flight.integrator],
+        dt=setup.dt,
+        release=release,
+        end=release + math.ceil(flight.duration_s / setup.dt - 1e-9),
+        optics_every=flight.optics_every,
+        series_every=flight.series_every,
+        fly_away=scene.fly_away,
+        effects=effects,
     )
 
 
@@ -150,8 +160,6 @@ def build(scene: Scene, tables: dict[str, PressureTable]) -> Membrane:
     bodies.check_drag(scene, setup.dt)
     model, corotates = _model(setup), scene.flight.integrator == "corotating"
     # Its two-step method for the temperatures is stable for half as long
-    check_heat(
-        scene, mesh, model.effects.heat, setup.plan, absorptances, 2.0 * setup.dt if corotates else setup.dt
-    )
+    check_heat(scene, mesh, model.effects.heat, setup.plan, absorptances, 2.0 * setup.dt if corotates else setup.dt)
     added = corotating_setup.corotating(scene, mesh, lat.masses, setup.dt) if corotates else None
     return Membrane(scene, setup.plan, mesh, lat, model, added)

@@ -42,9 +42,14 @@ MOST, ENOUGH = 512, 0.1
 #: Part of the fingerprint of a checkpoint, as are the compiled sources: raise it when this module gives other numbers.
 SCHEMA = 6
 REASONS = {
-    failure.INTACT: "finished", failure.TENSILE: "tensile_failure", failure.THERMAL: "thermal_failure",
-    failure.LEFT_TABLE: "left_table", failure.FLY_AWAY: "fly_away", failure.NON_FINITE: "non_finite",
-    failure.BROKEN: "broken", failure.BEYOND: "beyond_scheme",
+    failure.INTACT: "finished",
+    failure.TENSILE: "tensile_failure",
+    failure.THERMAL: "thermal_failure",
+    failure.LEFT_TABLE: "left_table",
+    failure.FLY_AWAY: "fly_away",
+    failure.NON_FINITE: "non_finite",
+    failure.BROKEN: "broken",
+    failure.BEYOND: "beyond_scheme",
 }
 
 
@@ -334,5 +339,3 @@ def fly(scene: Scene, tables: dict[str, PressureTable]) -> tuple[Flight, End, di
         flight = Flight(scene, tables, Path(folder))
         end = flight.fly()
         return flight, end, {name: np.array(values) for name, (values, _) in flight.columns().items()}
-
-

@@ -40,7 +40,8 @@ def require_mesh(scene: Scene) -> None:
     share = max(0.0, available_memory() / 1.25 - PROCESS) / (needed - PROCESS)
     fit = int(rings * math.sqrt(share))
     require_memory(
-        needed, f"{scene.name}.yaml: sail.rings = {rings}",
+        needed,
+        f"{scene.name}.yaml: sail.rings = {rings}",
         f"take at most {fit} rings, which fit" if fit else "free some memory",
     )
 

@@ -190,4 +190,3 @@ def highest_frequency(matrix: csr_matrix, masses: Floats) -> float:
 
 #: Δt ω_max at which each integrator turns unstable (Hairer, Lubich & Wanner, Geometric Numerical Integration, §I).
 STABILITY = {"semi_implicit_euler": 2.0, "verlet": 2.0, "rk4": 2.0 * np.sqrt(2.0)}
-

@@ -90,10 +90,17 @@ def layout(mesh: Mesh, outline: str, rings: int, masses: Floats) -> Stencil:
     per_mass = aligned(size)
     per_mass[place] = 1.0 / masses
     return Stencil(
-        start=_unsigned(start, np.uint64), width=_unsigned(width, np.uint64), place=_unsigned(place),
-        triangles=_families(shapes.reshape(-1, 2, 2), first, start), edges=_families(ways[:, None], first, start),
-        turns=_unsigned(corner.ravel()), cells=_unsigned(cells), slots=_unsigned(sides.T.ravel()),
-        joins=_unsigned(family.ravel() * size + low), per_mass=per_mass, stiffness=np.empty((0, 0)),
+        start=_unsigned(start, np.uint64),
+        width=_unsigned(width, np.uint64),
+        place=_unsigned(place),
+        triangles=_families(shapes.reshape(-1, 2, 2), first, start),
+        edges=_families(ways[:, None], first, start),
+        turns=_unsigned(corner.ravel()),
+        cells=_unsigned(cells),
+        slots=_unsigned(sides.T.ravel()),
+        joins=_unsigned(family.ravel() * size + low),
+        per_mass=per_mass,
+        stiffness=np.empty((0, 0)),
         stretch=np.empty((0, 0)),
     )
 
@@ -119,9 +126,7 @@ def _shares(width: NDArray[np.uint64], threads: int) -> Integers:
     return np.array([0, *(min(end, rows - 1) for end in ends), rows])
 
 
-def scratch_space(
-    stencil: Stencil, lit: bool, patch: int, patches: int, threads: int, levels: int = LEVELS
-) -> Scratch:
+def scratch_space(stencil: Stencil, lit: bool, patch: int, patches: int, threads: int, levels: int = LEVELS) -> Scratch:
     """What lies between the passes over a row, for so many threads, and patches of so many triangles.
 
     levels: steps that a sweep may take at once, where all threads have rows enough.
@@ -132,14 +137,23 @@ def scratch_space(
     if threads > 1:
         levels = max(1, min(levels, int(np.diff(shares).min()) // ROWS_A_LEVEL))
     scratch = Scratch(
-        x=aligned(2, 3, p), v=aligned(2, 3, p),
+        x=aligned(2, 3, p),
+        v=aligned(2, 3, p),
         corners=aligned(*((threads, levels, 3, f, 3, 3, across) if lit or not springs else (0,) * 7)),
         ends=aligned(*((threads, levels, 3, k, 3, across) if springs else (0,) * 6)),
-        push=aligned(threads, 3, across if lit else 0), force=aligned(threads, 3, across),
-        lanes=aligned(threads, 3, 8), sums=aligned(levels, rows, 3), bad=np.zeros(threads, np.int64), shares=shares,
-        found=np.zeros((threads, 2, 2), np.int64), seen=np.zeros((threads, 2, 2)),
-        sides=aligned(patches, 6, patch), frame=aligned(patches, 10, patch),
-        response=aligned(patches, patch, 4), board=np.zeros(BOARD, np.int64), orders=np.zeros(ORDERS),
+        push=aligned(threads, 3, across if lit else 0),
+        force=aligned(threads, 3, across),
+        lanes=aligned(threads, 3, 8),
+        sums=aligned(levels, rows, 3),
+        bad=np.zeros(threads, np.int64),
+        shares=shares,
+        found=np.zeros((threads, 2, 2), np.int64),
+        seen=np.zeros((threads, 2, 2)),
+        sides=aligned(patches, 6, patch),
+        frame=aligned(patches, 10, patch),
+        response=aligned(patches, patch, 4),
+        board=np.zeros(BOARD, np.int64),
+        orders=np.zeros(ORDERS),
     )
     for copy in range(2):
         clear(scratch, copy)
@@ -157,9 +171,12 @@ def stencil_work(stencil: Stencil, springs: Springs, sheet: Sheet, lit: bool, sc
     elastic = sheet.modulus.size > 0
     return StencilWork(
         lengths=_fill(stencil.joins, springs.rest[: springs.stiffness.size], (k, p), 1.0),
-        free=free_sides(stencil, sheet), scale=aligned(*((f, 3, p) if elastic else (0, 0, 0))),
-        shear=aligned(*((f, p) if elastic else (0, 0))), bound=_fill(stencil.cells, sheet.modulus, (f, p), NEVER),
-        held=aligned(*((f, 3, p) if lit else (0, 0, 0))), scratch=scratch,
+        free=free_sides(stencil, sheet),
+        scale=aligned(*((f, 3, p) if elastic else (0, 0, 0))),
+        shear=aligned(*((f, p) if elastic else (0, 0))),
+        bound=_fill(stencil.cells, sheet.modulus, (f, p), NEVER),
+        held=aligned(*((f, 3, p) if lit else (0, 0, 0))),
+        scratch=scratch,
     )
 
 

@@ -55,10 +55,17 @@ def attributes(flight: Flight, end: End, tables: dict[str, PressureTable]) -> di
     time, position, velocity = (columns[name][0] for name in ("time", "position", "velocity"))
     return {
         "neglected": neglected(scene, tables, time, position, velocity, lit_from_behind(flight)),
-        "end_reason": end.reason, "end_time": end.time, "end_position": end.position, "end_detail": end.detail,
-        "steps": end.step, "time_step": model.dt, "mass_kg": float(model.masses.sum()),
-        "scene": scene.model_dump_json(), "tables": json.dumps(provenance(tables)),
+        "end_reason": end.reason,
+        "end_time": end.time,
+        "end_position": end.position,
+        "end_detail": end.detail,
+        "steps": end.step,
+        "time_step": model.dt,
+        "mass_kg": float(model.masses.sum()),
+        "scene": scene.model_dump_json(),
+        "tables": json.dumps(provenance(tables)),
         "effects": json.dumps({name: effect.on for name, effect in flight.membrane.plan.items()}),
-        "wall_seconds": flight.wall_seconds, "outside_table": int(flight.work.effects.light.outside[0]),
+        "wall_seconds": flight.wall_seconds,
+        "outside_table": int(flight.work.effects.light.outside[0]),
         **first_failure(flight),
     }

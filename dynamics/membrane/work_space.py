@@ -32,10 +32,15 @@ def work_space(model: Model, threads: int = 1) -> WorkSpace:
     patch = t if traced else min(t, PATCH)
     work = WorkSpace(
         stencil=stencil_work(
-            model.stencil, effects.springs, effects.sheet, model.lit,
+            model.stencil,
+            effects.springs,
+            effects.sheet,
+            model.lit,
             scratch_space(model.stencil, model.lit, patch, 1 if traced else threads, threads),
         ),
-        acceleration=np.zeros((3, n)), flags=np.zeros(2, np.int64), gain=np.zeros(1),
+        acceleration=np.zeros((3, n)),
+        flags=np.zeros(2, np.int64),
+        gain=np.zeros(1),
         ahead=np.zeros((3, n if model.lit else 0)),
         stage=Stage(*np.zeros((4, 3, stages)), *np.zeros((2, stages if model.warm else 0))),
         effects=work_all(model),

@@ -122,9 +122,13 @@ class Basin:
 def limited(scene: scenes.Scene, grid: Grid) -> scenes.Scene:
     """The scene with the grid's duration, tolerance and limit, and no rows but the first."""
     limit = scene.beam.reach_m if grid.limit_m is None else grid.limit_m
-    rigid = scene.rigid.model_copy(update={
-        "duration_s": grid.duration_s, "tolerance": grid.tolerance, "output_Hz": 1.0 / grid.duration_s,
-    })
+    rigid = scene.rigid.model_copy(
+        update={
+            "duration_s": grid.duration_s,
+            "tolerance": grid.tolerance,
+            "output_Hz": 1.0 / grid.duration_s,
+        }
+    )
     flight = scene.flight.model_copy(update={"fly_away_m": limit})
     return scene.model_copy(update={"rigid": rigid, "flight": flight})
 
@@ -163,7 +167,10 @@ def _outcome(body: RigidBody, scene: scenes.Scene, release: scenes.Release) -> l
     kernel.fly(body.sail, body.tables, body.light, terms, work, scene.rigid.most_steps)
     distance, tilt = work.extremes
     return [
-        work.clock[kernel.T] * body.units.time, work.counts[kernel.REASON], distance * body.units.length, tilt,
+        work.clock[kernel.T] * body.units.time,
+        work.counts[kernel.REASON],
+        distance * body.units.length,
+        tilt,
         work.counts[kernel.STEPS],
     ]
 
@@ -173,9 +180,7 @@ def block_cells(grid: Grid, block: tuple[int, int]) -> NDArray[np.int64]:
     return np.arange(block[0] - 1, grid.n_offsets * grid.n_tilts, block[1])
 
 
-def write(
-    path: str | Path, basin: Basin, scene: scenes.Scene, tables: dict[str, PressureTable], grid: Grid
-) -> None:
+def write(path: str | Path, basin: Basin, scene: scenes.Scene, tables: dict[str, PressureTable], grid: Grid) -> None:
     """Write a block as columns, a whole map as arrays (n_offsets, n_tilts), atomically."""
     whole = basin.cells.size == grid.n_offsets * grid.n_tilts
     shape = (grid.n_offsets, grid.n_tilts) if whole else (-1,)
@@ -184,11 +189,17 @@ def write(
             file.create_dataset(name, data=values).attrs["units"] = {"offset": "m", "tilt": "rad", "cell": "1"}[name]
         for name, values in basin.columns.items():
             file.create_dataset(name, data=values.reshape(shape)).attrs["units"] = UNITS[name]
-        file.attrs.update({
-            "scene": scene.model_dump_json(), "grid": grid.model_dump_json(), "key": _key(scene, tables, grid),
-            "tables": json.dumps(provenance(tables)), "reasons": json.dumps(REASONS),
-            "versions": json.dumps(versions("numpy", "scipy", "numba")), "cpu_seconds": basin.cpu_seconds,
-        })
+        file.attrs.update(
+            {
+                "scene": scene.model_dump_json(),
+                "grid": grid.model_dump_json(),
+                "key": _key(scene, tables, grid),
+                "tables": json.dumps(provenance(tables)),
+                "reasons": json.dumps(REASONS),
+                "versions": json.dumps(versions("numpy", "scipy", "numba")),
+                "cpu_seconds": basin.cpu_seconds,
+            }
+        )
 
 
 def _key(scene: scenes.Scene, tables: dict[str, PressureTable], grid: Grid) -> str:
@@ -248,6 +259,7 @@ def main() -> None:
     write(arguments.out, basin, scene, tables, grid)
     bounded = int((basin.columns["end_code"] == kernel.FINISHED).sum())
     finish(
-        arguments.out, arguments.watch,
+        arguments.out,
+        arguments.watch,
         f"{bounded} of {basin.cells.size} flights bounded, flown in {basin.cpu_seconds:.3g} s of one core",
     )

@@ -127,10 +127,17 @@ def rigid_body(
     nearest = (lookup or scene.lookup) == "nearest"
     if scene.holding is not None:
         raise InputError(f"{scene.name}.yaml: held: must be left out, or effects.held be false, for a rigid sail")
-    return carrying(scene, RigidBody(
-        shape, units, _arrays(shape, units, tables, _rules(scene, shape, quadrature)), _light(scene, units),
-        _tables(tables, nearest, scene.beam.polarisation), tethers([]),
-    ))
+    return carrying(
+        scene,
+        RigidBody(
+            shape,
+            units,
+            _arrays(shape, units, tables, _rules(scene, shape, quadrature)),
+            _light(scene, units),
+            _tables(tables, nearest, scene.beam.polarisation),
+            tethers([]),
+        ),
+    )
 
 
 def carrying(scene: scenes.Scene, body: RigidBody) -> RigidBody:
@@ -145,10 +152,15 @@ def _towing(scene: scenes.Scene, payload: Tethers, shape: SailShape, units: Unit
     ends = on_disc(payload.to, shape.radius, f"{scene.name}.yaml")
     force = units.force / units.length
     return Towing(
-        mass=payload.mass / units.mass, body=payload.body,
-        arm=(ends - np.array([*shape.centre, 0.0])) / units.length, stiffness=payload.stiffness / force,
-        length=payload.lengths(ends) / units.length, retardation=payload.retardation / units.time,
-        strength=payload.strength / units.force, pushes=payload.pushes, snaps=bool(np.isfinite(payload.strength).any()),
+        mass=payload.mass / units.mass,
+        body=payload.body,
+        arm=(ends - np.array([*shape.centre, 0.0])) / units.length,
+        stiffness=payload.stiffness / force,
+        length=payload.lengths(ends) / units.length,
+        retardation=payload.retardation / units.time,
+        strength=payload.strength / units.force,
+        pushes=payload.pushes,
+        snaps=bool(np.isfinite(payload.strength).any()),
     )
 
 
@@ -162,10 +174,16 @@ def _light(scene: scenes.Scene, units: Units) -> kernel.Light:
             f"{scene.name}.yaml: beam.pointing: tilts need incidence: sail_frame; yaw_blind knows light along z alone"
         )
     return kernel.Light(
-        1.0 if beam.intensity_W_m2 > 0 else 0.0, pack(beam.spots, 1.0 / units.length),
-        wander(beam.pointing, beam.power_noise, units.length, units.time), beam.delay_s / units.time,
-        beam.rise_s / units.time, beam.on_s / units.time, scene.incidence == "yaw_blind",
-        scene.rigid.beam_distance == "published", beam.polarisation != "sail", float(np.radians(beam.polarisation_deg)),
+        1.0 if beam.intensity_W_m2 > 0 else 0.0,
+        pack(beam.spots, 1.0 / units.length),
+        wander(beam.pointing, beam.power_noise, units.length, units.time),
+        beam.delay_s / units.time,
+        beam.rise_s / units.time,
+        beam.on_s / units.time,
+        scene.incidence == "yaw_blind",
+        scene.rigid.beam_distance == "published",
+        beam.polarisation != "sail",
+        float(np.radians(beam.polarisation_deg)),
         2.0 * np.pi * beam.polarisation_Hz * units.time,
     )
 
@@ -200,9 +218,7 @@ def _profile_rules(
         raise InputError(f"{scene.name}.yaml: beam.profile: {refusal}") from None
 
 
-def _arrays(
-    shape: SailShape, units: Units, tables: dict[str, PressureTable], rules: Rules
-) -> kernel.RigidSail:
+def _arrays(shape: SailShape, units: Units, tables: dict[str, PressureTable], rules: Rules) -> kernel.RigidSail:
     """The sail's arrays in normalised units; tables are numbered in the order of the mapping."""
     inertia = shape.inertia / (units.mass * units.length**2)
     missing = [s.design for s in shape.sectors if s.design is not None and s.design not in tables]
@@ -210,9 +226,14 @@ def _arrays(
         raise InputError(f"sail.sectors design = '{missing[0]}': no pressure table given")
     numbers = [-1 if s.design is None else list(tables).index(s.design) for s in shape.sectors]
     return kernel.RigidSail(
-        np.array([s.g for s in shape.sectors]), rules, shape.centre / units.length,
-        np.array(numbers, dtype=np.int64), np.array([s.reflectance for s in shape.sectors]),
-        np.array([s.absorptance for s in shape.sectors]), inertia, np.asarray(np.linalg.inv(inertia), float),
+        np.array([s.g for s in shape.sectors]),
+        rules,
+        shape.centre / units.length,
+        np.array(numbers, dtype=np.int64),
+        np.array([s.reflectance for s in shape.sectors]),
+        np.array([s.absorptance for s in shape.sectors]),
+        inertia,
+        np.asarray(np.linalg.inv(inertia), float),
     )
 
 

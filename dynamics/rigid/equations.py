@@ -148,7 +148,13 @@ def response(
 
 @numba.njit(cache=True, error_model="numpy")
 def load(
-    sail: RigidSail, tables: tuple[TableArrays, ...], light: Light, t: float, turn: Floats, x: float, y: float,
+    sail: RigidSail,
+    tables: tuple[TableArrays, ...],
+    light: Light,
+    t: float,
+    turn: Floats,
+    x: float,
+    y: float,
     out: Floats,
 ) -> int:
     """Write force and torque about the centre of mass (6,), body components, at full intensity; worst flag of a sector.

@@ -78,8 +78,15 @@ def start(state: Floats, rows: int) -> Work:
     count = np.zeros(10, np.int64)
     count[FRESH], count[BAD] = 1, -1
     return Work(
-        np.zeros(4), state.copy(), state.copy(), np.zeros((16, state.size)), np.zeros((7, state.size)),
-        np.zeros(state.size), count, np.zeros(2), np.full((rows, state.size), np.nan),
+        np.zeros(4),
+        state.copy(),
+        state.copy(),
+        np.zeros((16, state.size)),
+        np.zeros((7, state.size)),
+        np.zeros(state.size),
+        count,
+        np.zeros(2),
+        np.full((rows, state.size), np.nan),
     )
 
 
@@ -158,9 +165,7 @@ def _reason(terms: Terms, y: Floats, flag: int) -> int:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _stage(
-    sail: RigidSail, tables: Tables, light: Light, work: Work, t: float, h: float, k: int, state: Floats
-) -> int:
+def _stage(sail: RigidSail, tables: Tables, light: Light, work: Work, t: float, h: float, k: int, state: Floats) -> int:
     """Write the state of stage k and its slope; flag of the light there."""
     state[:] = 0.0
     for j in range(k):

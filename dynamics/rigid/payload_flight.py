@@ -35,9 +35,12 @@ class TowedFlight:
     def columns(self) -> dict[str, tuple[Floats, str]]:
         """Columns, each (n,) or longer, and units of the flight's file."""
         return {
-            "payload_position": (self.position, "m"), "payload_velocity": (self.velocity, "m/s"),
-            "payload_energy_kinetic": (self.energy_kinetic, "J"), "tether_tension": (self.tension, "N"),
-            "tether_energy": (self.energy_elastic, "J"), "tethers_snapped": (self.snapped, "1"),
+            "payload_position": (self.position, "m"),
+            "payload_velocity": (self.velocity, "m/s"),
+            "payload_energy_kinetic": (self.energy_kinetic, "J"),
+            "tether_tension": (self.tension, "N"),
+            "tether_energy": (self.energy_elastic, "J"),
+            "tethers_snapped": (self.snapped, "1"),
         }
 
 

@@ -36,11 +36,21 @@ from dynamics.scene import schema as scenes
 from optics.table.pressure_table import PressureTable
 
 REASONS = (
-    "", "finished", "fly_away", "left_table", "turned_over", "non_finite", "step_too_small", "too_many_steps",
+    "",
+    "finished",
+    "fly_away",
+    "left_table",
+    "turned_over",
+    "non_finite",
+    "step_too_small",
+    "too_many_steps",
 )  # in the order of the kernel's codes
 COMPONENTS = (
-    *(f"{what} {axis}" for what in ("position", "velocity") for axis in "xyz"), *(f"quaternion {i}" for i in "wxyz"),
-    *(f"angular velocity {i}" for i in "xyz"), "work", *(f"angular impulse {i}" for i in "xyz"),
+    *(f"{what} {axis}" for what in ("position", "velocity") for axis in "xyz"),
+    *(f"quaternion {i}" for i in "wxyz"),
+    *(f"angular velocity {i}" for i in "xyz"),
+    "work",
+    *(f"angular impulse {i}" for i in "xyz"),
 )
 COUNTS = ("end_reason", "end_place", "steps", "evaluations", "clamped_steps", "wall_seconds")
 PORTION = 2000  # steps between two looks at the progress
@@ -138,9 +148,22 @@ def fly(
     si[:, 6:10] /= np.linalg.norm(si[:, 6:10], axis=1, keepdims=True)
     steps, evaluations, clamped = (int(work.counts[i]) for i in (kernel.STEPS, kernel.EVALUATIONS, kernel.CLAMPED))
     return RigidFlight(
-        times * body.units.time, si[:, :3], si[:, 3:6], si[:, 6:10], si[:, 10:13], si[:, 13], si[:, 14:17],
-        body.shape.mass, body.shape.inertia, REASONS[work.counts[kernel.REASON]], _place(work, body.units), steps,
-        evaluations, clamped, watch.seconds, towed(body, states, si),
+        times * body.units.time,
+        si[:, :3],
+        si[:, 3:6],
+        si[:, 6:10],
+        si[:, 10:13],
+        si[:, 13],
+        si[:, 14:17],
+        body.shape.mass,
+        body.shape.inertia,
+        REASONS[work.counts[kernel.REASON]],
+        _place(work, body.units),
+        steps,
+        evaluations,
+        clamped,
+        watch.seconds,
+        towed(body, states, si),
     )
 
 
@@ -153,8 +176,12 @@ def terms_of(scene: scenes.Scene, units: Units) -> kernel.Terms:
     spacing = 1.0 / (scene.rigid.output_Hz * units.time)
     rows = spacing * np.arange(max(1, math.ceil(duration / spacing * (1.0 - 1e-12))), dtype=float)
     return kernel.Terms(
-        scene.rigid.tolerance, scene.fly_away / units.length, scene.outside_table == "clamp",
-        scene.rigid.most_steps, np.array(sorted(stops - {0.0})), rows,
+        scene.rigid.tolerance,
+        scene.fly_away / units.length,
+        scene.outside_table == "clamp",
+        scene.rigid.most_steps,
+        np.array(sorted(stops - {0.0})),
+        rows,
     )
 
 
@@ -209,9 +236,7 @@ def remark(flight: RigidFlight, scene: scenes.Scene, tables: dict[str, PressureT
     return neglected(scene, tables, flight.time, flight.position, flight.velocity, behind)
 
 
-def write(
-    path: str | Path, flight: RigidFlight, scene: scenes.Scene, tables: dict[str, PressureTable]
-) -> TableErrors:
+def write(path: str | Path, flight: RigidFlight, scene: scenes.Scene, tables: dict[str, PressureTable]) -> TableErrors:
     """Write a flight as HDF5, atomically: one dataset a quantity, its unit an attribute; the scene as JSON.
 
     Returns what the tables' stated errors come to on its way, which the file says too.
@@ -220,11 +245,19 @@ def write(
     met = rigid_errors(scene, tables, *seen)
     roll, pitch, yaw = flight.angles
     columns = {
-        "time": (flight.time, "s"), "position": (flight.position, "m"), "velocity": (flight.velocity, "m/s"),
-        "pitch": (pitch, "rad"), "roll": (roll, "rad"), "yaw": (yaw, "rad"), "spin": (flight.spin, "Hz"),
-        "angular_velocity": (flight.angular_velocity, "rad/s"), "quaternion": (flight.quaternion, "1"),
-        "energy_kinetic": (flight.energy_kinetic, "J"), "work": (flight.work, "J"),
-        "energy_balance": (flight.energy_balance, "J"), "angular_momentum": (flight.angular_momentum, "kg m2/s"),
+        "time": (flight.time, "s"),
+        "position": (flight.position, "m"),
+        "velocity": (flight.velocity, "m/s"),
+        "pitch": (pitch, "rad"),
+        "roll": (roll, "rad"),
+        "yaw": (yaw, "rad"),
+        "spin": (flight.spin, "Hz"),
+        "angular_velocity": (flight.angular_velocity, "rad/s"),
+        "quaternion": (flight.quaternion, "1"),
+        "energy_kinetic": (flight.energy_kinetic, "J"),
+        "work": (flight.work, "J"),
+        "energy_balance": (flight.energy_balance, "J"),
+        "angular_momentum": (flight.angular_momentum, "kg m2/s"),
         "angular_impulse": (flight.angular_impulse, "kg m2/s"),
         "angular_momentum_balance": (flight.momentum_balance, "kg m2/s"),
     }
@@ -235,13 +268,18 @@ def write(
     with new_hdf5(path) as file:
         for name, (values, unit) in columns.items():
             file.create_dataset(name, data=values).attrs["units"] = unit
-        file.attrs.update({
-            "scene": scene.model_dump_json(), "tables": json.dumps(provenance(tables)),
-            "versions": json.dumps(versions("numpy", "scipy", "numba")),
-            "neglected": remark(flight, scene, tables),
-            "mass_kg": flight.mass, "inertia_kg_m2": flight.inertia, **{key: getattr(flight, key) for key in COUNTS},
-            **met.attributes(),
-        })
+        file.attrs.update(
+            {
+                "scene": scene.model_dump_json(),
+                "tables": json.dumps(provenance(tables)),
+                "versions": json.dumps(versions("numpy", "scipy", "numba")),
+                "neglected": remark(flight, scene, tables),
+                "mass_kg": flight.mass,
+                "inertia_kg_m2": flight.inertia,
+                **{key: getattr(flight, key) for key in COUNTS},
+                **met.attributes(),
+            }
+        )
     return met
 
 

@@ -46,9 +46,7 @@ def moving(towing: Towing, first: int) -> int:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def line(
-    towing: Towing, sail: int, turn: Floats, state: Floats, k: int, arm: Floats, away: Floats
-) -> float:
+def line(towing: Towing, sail: int, turn: Floats, state: Floats, k: int, arm: Floats, away: Floats) -> float:
     """Tension of tether k; its arm in the lab (3,) and its unit vector from the sail to the mass (3,) are written.
 
     sail: how many numbers of the state are the sail's; turn (3, 3): its rotation. T = k (ℓ − L + τ dℓ/dt), never

@@ -35,10 +35,15 @@ def product(a: Floats, b: Floats) -> Floats:
     """Quaternion products a ⊗ b (..., 4): first b, then a."""
     w, x, y, z = np.moveaxis(a, -1, 0)
     p, i, j, k = np.moveaxis(b, -1, 0)
-    return np.stack([
-        w * p - x * i - y * j - z * k, w * i + x * p + y * k - z * j,
-        w * j + y * p + z * i - x * k, w * k + z * p + x * j - y * i,
-    ], axis=-1)
+    return np.stack(
+        [
+            w * p - x * i - y * j - z * k,
+            w * i + x * p + y * k - z * j,
+            w * j + y * p + z * i - x * k,
+            w * k + z * p + x * j - y * i,
+        ],
+        axis=-1,
+    )
 
 
 def rotation_from_quaternion(quaternion: Floats) -> Floats:
@@ -68,8 +73,6 @@ def angles_from_rotation(turn: Floats) -> tuple[Floats, Floats, Floats]:
     cosine = np.hypot(turn[..., 0, 0], turn[..., 0, 1])
     locked = cosine < 1e-12
     pitch = arctan2(turn[..., 0, 2], cosine)
-    roll = np.where(
-        locked, arctan2(turn[..., 2, 1], turn[..., 1, 1]), arctan2(-turn[..., 1, 2], turn[..., 2, 2])
-    )
+    roll = np.where(locked, arctan2(turn[..., 2, 1], turn[..., 1, 1]), arctan2(-turn[..., 1, 2], turn[..., 2, 2]))
     yaw = np.where(locked, 0.0, arctan2(-turn[..., 0, 1], turn[..., 0, 0]))
     return roll, pitch, yaw

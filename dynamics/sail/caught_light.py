@@ -61,7 +61,8 @@ def _middles(parts: int) -> list[tuple[float, float]]:
     """Barycentric middles of the parts² equal pieces of a triangle: rows, every second piece upside down."""
     return [
         ((i + (1 + j % 2) / 3.0) / parts, (j // 2 + (1 + j % 2) / 3.0) / parts)
-        for i in range(parts) for j in range(2 * (parts - i) - 1)
+        for i in range(parts)
+        for j in range(2 * (parts - i) - 1)
     ]
 
 
@@ -85,8 +86,10 @@ def check_light(scene: Scene, mesh: Mesh) -> None:
     if wrong > MOST:
         needed = _rings(scene, wrong)
         cure = f"must be at least {needed}, or widen" if needed <= MOST_RINGS else "no mesh is fine enough: widen"
-        what, key = (f"beam of {scene.beam.radius_m:g} m", "radius_m") if scene.beam.gaussian else (
-            f"beam that changes within {finest(beam):.3g} m", "profile"
+        what, key = (
+            (f"beam of {scene.beam.radius_m:g} m", "radius_m")
+            if scene.beam.gaussian
+            else (f"beam that changes within {finest(beam):.3g} m", "profile")
         )
         raise InputError(
             f"{scene.name}.yaml: sail.rings = {scene.sail.rings}: triangles of {side:.3g} m would get "

@@ -43,7 +43,8 @@ def require_rows(scene: Scene) -> int:
     given = scene.rigid
     rows = math.ceil(given.duration_s * given.output_Hz)
     require_memory(
-        PROCESS + rows * A_ROW, f"{scene.name}.yaml: rigid.duration_s = {given.duration_s:g}",
+        PROCESS + rows * A_ROW,
+        f"{scene.name}.yaml: rigid.duration_s = {given.duration_s:g}",
         f"fly for a shorter time, or lower rigid.output_Hz = {given.output_Hz:g}",
     )
     return rows
@@ -66,8 +67,10 @@ def say_rigid(scene: Scene, rows: int, steps: float, seconds: float) -> None:
     most = scene.rigid.most_steps
     beyond = f", more than rigid.most_steps = {most}, which end it first" if steps > most else ""
     share = min(1.0, most / steps)
-    given = f"{scene.name}.yaml: rigid.most_steps = {most}" if beyond else (
-        f"{scene.name}.yaml: rigid.duration_s = {scene.rigid.duration_s:g}"
+    given = (
+        f"{scene.name}.yaml: rigid.most_steps = {most}"
+        if beyond
+        else (f"{scene.name}.yaml: rigid.duration_s = {scene.rigid.duration_s:g}")
     )
     require_time(share * seconds, given, share * steps, "lower it")
     say(scene, f"about {steps:.3g} steps{beyond}, {rows:,} rows", PROCESS + rows * A_ROW, share * seconds)
@@ -76,7 +79,8 @@ def say_rigid(scene: Scene, rows: int, steps: float, seconds: float) -> None:
 def require_cells(cells: int, blocks: int, given: str) -> None:
     """InputError, beginning with the file of the grid, where memory does not hold a map of so many cells, in blocks."""
     require_memory(
-        PROCESS + cells * A_CELL / blocks, f"{given}: n_offsets · n_tilts = {cells:,}",
+        PROCESS + cells * A_CELL / blocks,
+        f"{given}: n_offsets · n_tilts = {cells:,}",
         "map fewer releases, or fly them in blocks (--block 1/100)",
     )
 
@@ -104,5 +108,6 @@ def say(scene: Scene, what: str, memory: float, seconds: float) -> None:
     free = available_memory()
     print(
         f"{scene.name}: {what}, {amount(memory, 'B')} of memory ({amount(free, 'B')} free), about {in_words(seconds)}",
-        file=sys.stderr, flush=True,
+        file=sys.stderr,
+        flush=True,
     )

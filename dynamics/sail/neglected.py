@@ -43,7 +43,11 @@ def thrown_back(scene: Scene, tables: dict[str, PressureTable]) -> bool:
 
 
 def neglected(
-    scene: Scene, tables: dict[str, PressureTable], time: Floats, position: Floats, velocity: Floats,
+    scene: Scene,
+    tables: dict[str, PressureTable],
+    time: Floats,
+    position: Floats,
+    velocity: Floats,
     behind: float | None,
 ) -> str:
     """What a flight neglects and from when on, '' for nothing.
@@ -55,8 +59,10 @@ def neglected(
         return ""
     range_m = rayleigh_range(scene, tables)
     found = [
-        (_first(time, np.linalg.norm(velocity, axis=1) > FAST * LIGHT_SPEED),
-         f"relativity, at more than {FAST:g} of the speed of light"),
+        (
+            _first(time, np.linalg.norm(velocity, axis=1) > FAST * LIGHT_SPEED),
+            f"relativity, at more than {FAST:g} of the speed of light",
+        ),
         (_first(time, np.abs(position[:, 2]) > range_m), f"the spread of the beam, beyond its {range_m:.3g} m"),
         (0.0 if thrown_back(scene, tables) else None, "orders of gratings that meet the sail again"),
         (behind, "shade, and that the far face differs from the near one, lit from behind"),

@@ -52,8 +52,11 @@ def tethers(payload: list[Payload]) -> Tethers:
         position=np.array([body.position_m for body in payload], float).reshape(-1, 3),
         body=np.array([i for i, _ in lines], np.int64),
         to=np.array([line.to_m for _, line in lines], float).reshape(-1, 2),
-        stiffness=column("stiffness_N_m", 0.0), given=column("length_m", np.nan),
-        retardation=column("damping_s", 0.0), strength=column("strength_N", np.inf), pushes=column("pushes", 0.0),
+        stiffness=column("stiffness_N_m", 0.0),
+        given=column("length_m", np.nan),
+        retardation=column("damping_s", 0.0),
+        strength=column("strength_N", np.inf),
+        pushes=column("pushes", 0.0),
     )
 
 

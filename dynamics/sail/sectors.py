@@ -121,10 +121,18 @@ def sail_shape(sail: scenes.Sail) -> SailShape:
                 f"sail.sectors[{i}].reflectance = {reflectance:g}: with the material's absorptance "
                 f"{material.absorptance:g} it must not exceed 1"
             )
-        shapes.append(SectorShape(
-            start, stop, sail.radius_m, material.areal_mass, np.array(sector.g), sector.design, reflectance,
-            material.absorptance,
-        ))
+        shapes.append(
+            SectorShape(
+                start,
+                stop,
+                sail.radius_m,
+                material.areal_mass,
+                np.array(sector.g),
+                sector.design,
+                reflectance,
+                material.absorptance,
+            )
+        )
     return SailShape(sail.radius_m, tuple(shapes))
 
 

@@ -156,6 +156,7 @@ def _stitch(outline: str, n: int) -> Integers:
 
 def _stitch_square(n: int, side: Integers, j: Integers) -> Integers:
     """Triangles (16n − 8, 3) between square rings n − 1 and n: hop j of each side."""
+
     def ring(m: int, place: Integers) -> Integers:
         return _on_ring("square", m, place + 2 * m * side)
 

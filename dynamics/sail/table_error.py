@@ -55,8 +55,11 @@ class TableErrors:
     def attributes(self) -> dict[str, Any]:
         """As attributes of a file."""
         return {
-            "table_error_largest": self.largest, "table_error_design": self.design, "table_error_at": list(self.at),
-            "force_error_over_thrust": self.share, "tables_missed": ", ".join(self.missed),
+            "table_error_largest": self.largest,
+            "table_error_design": self.design,
+            "table_error_at": list(self.at),
+            "force_error_over_thrust": self.share,
+            "tables_missed": ", ".join(self.missed),
         }
 
     @property
@@ -118,16 +121,15 @@ def _spread(count: int, most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
 
 
-def rigid_errors(
-    scene: Scene, tables: dict[str, PressureTable], position: Floats, turn: Floats
-) -> TableErrors:
+def rigid_errors(scene: Scene, tables: dict[str, PressureTable], position: Floats, turn: Floats) -> TableErrors:
     """Along a rigid flight with its centre of mass at position (n, 3) in m and rotations (n, 3, 3) from body to lab."""
     shape, some = sail_shape(designed(scene, tables).sail), _spread(len(position), _MOST_ROWS)
     turn = turn[some]
     position = position[some] - turn[:, :, :2] @ shape.centre
     k = _yaw_blind(turn[:, :, 2]) if scene.incidence == "yaw_blind" else turn[:, 2]
     return collect(
-        (_sector_seen(scene, sector, position, turn, k) for sector in shape.sectors), tables,
+        (_sector_seen(scene, sector, position, turn, k) for sector in shape.sectors),
+        tables,
         scene.beam.polarisation != "sail",
     )
 
@@ -154,7 +156,9 @@ def membrane_errors(
         (
             Seen(region.design, region.reflectance or 0.0, *(part[:, mesh.sector == i] for part in (u, v, w, power)))
             for i, region in enumerate(scene.sail.regions)
-        ), tables, scene.beam.polarisation != "sail",
+        ),
+        tables,
+        scene.beam.polarisation != "sail",
     )
 
 

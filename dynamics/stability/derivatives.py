@@ -110,9 +110,7 @@ def linearise(scene: scenes.Scene, tables: dict[str, PressureTable], body: Rigid
     return jacobian, float(np.mean(thrust))
 
 
-def error_modes(
-    scene: scenes.Scene, tables: dict[str, PressureTable], body: RigidBody
-) -> list[tuple[Floats, float]]:
+def error_modes(scene: scenes.Scene, tables: dict[str, PressureTable], body: RigidBody) -> list[tuple[Floats, float]]:
     """What the tables' errors do to (jacobian, thrust) of `linearise`: one entry for each number that may be wrong."""
     light = lit(scene, body).moments
     out = []

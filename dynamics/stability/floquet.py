@@ -195,8 +195,14 @@ def assess(model: LinearModel, modes: list[tuple[Floats, float]], unit: float = 
         moduli = np.append(moduli, np.exp(growth(exponents)))
         rooms = np.append(rooms, _room(varied, exponents) / rate)
     return Stability(
-        model, eigenvalues(monodromy), None if model.periodic else eigenvalues(model.turn_matrix()), largest,
-        (float(moduli.min()), float(moduli.max())), room, (float(rooms.min()), float(rooms.max())), _condition(model),
+        model,
+        eigenvalues(monodromy),
+        None if model.periodic else eigenvalues(model.turn_matrix()),
+        largest,
+        (float(moduli.min()), float(moduli.max())),
+        room,
+        (float(rooms.min()), float(rooms.max())),
+        _condition(model),
     )
 
 
@@ -234,7 +240,8 @@ def table_errors(tables: dict[str, PressureTable]) -> dict[str, Any]:
     found = {name: (table_response(table), table.attrs.get("tolerance_met")) for name, table in tables.items()}
     return {
         name: {
-            "q_error": float(response.q_error.max()), "gradient_error": float(response.gradient_error.max()),
+            "q_error": float(response.q_error.max()),
+            "gradient_error": float(response.gradient_error.max()),
             "tolerance_met": met,
         }
         for name, (response, met) in found.items()
@@ -251,16 +258,22 @@ def report(scene: scenes.Scene, tables: dict[str, PressureTable], stability: Sta
     why = doubt(stability, error_modes(scene, tables, rigid_body(scene, tables, quadrature=None)))
     routes = {"monodromy": stability.monodromy, "corotating": stability.corotating}
     return {
-        "scene": scene.name, "incidence": scene.incidence, "spin_Hz": scene.release.spin_Hz,
+        "scene": scene.name,
+        "incidence": scene.incidence,
+        "spin_Hz": scene.release.spin_Hz,
         "multipliers": pairs(stability.multipliers) if spins else [],
         "max_modulus": stability.max_modulus if spins else None,
         "exponents_1_s": None if spins else pairs(exponents),
-        "tolerance": stability.tolerance, "verdict": stability.verdict,
+        "tolerance": stability.tolerance,
+        "verdict": stability.verdict,
         "undecided_because": why.text(tables) if why else "",
         "left_out": "" if scene.beam.steady else "jitter and fluctuations of the beam, which is taken at its mean",
-        "margin_1_s": stability.margin, "margin_range_1_s": list(stability.margin_range),
-        "table_errors": table_errors(tables), "tables_missed": list(missed(tables)),
-        "resolution": RESOLUTION, "spread_from_table_errors": stability.spread,
+        "margin_1_s": stability.margin,
+        "margin_range_1_s": list(stability.margin_range),
+        "table_errors": table_errors(tables),
+        "tables_missed": list(missed(tables)),
+        "resolution": RESOLUTION,
+        "spread_from_table_errors": stability.spread,
         "eigenvector_condition": stability.condition,
         "routes": {key: None if values is None or not spins else pairs(values) for key, values in routes.items()},
         "route_difference": stability.route_difference,
@@ -269,7 +282,8 @@ def report(scene: scenes.Scene, tables: dict[str, PressureTable], stability: Sta
         },
         "jacobian_units": {"F": "N/m, N/rad", "tau": "N, N m/rad"},
         "thrust_N": float(stability.model.thrust) * units.force,
-        "tables": provenance(tables), "versions": versions("numpy", "scipy", "numba"),
+        "tables": provenance(tables),
+        "versions": versions("numpy", "scipy", "numba"),
     }
 
 
@@ -291,7 +305,8 @@ def main() -> None:
     why = f" ({found['undecided_because']})" if found["undecided_because"] else ""
     worst = max((one["q_error"] for one in found["table_errors"].values()), default=0.0)
     finish(
-        arguments.out, arguments.watch,
+        arguments.out,
+        arguments.watch,
         f"{stability.verdict}{why}, largest |λ| = {stability.max_modulus:.6f} ± {stability.spread:.1g}, "
         f"margin {stability.margin:.3g} 1/s ({low:.3g} … {high:.3g})",
         [f"tables err by at most {worst:.2g} at normal incidence{said_missed(missed(tables))}"] if tables else [],

@@ -93,10 +93,14 @@ def write(path: str | Path, maps: Maps, scene: scenes.Scene, tables: dict[str, P
     with new_hdf5(path) as file:
         for name, values in vars(maps).items():
             file.create_dataset(name, data=values).attrs["units"] = unit[name]
-        file.attrs.update({
-            "scene": scene.model_dump_json(), "tables": json.dumps(provenance(tables)),
-            "versions": json.dumps(versions("numpy", "numba")), **met.attributes(),
-        })
+        file.attrs.update(
+            {
+                "scene": scene.model_dump_json(),
+                "tables": json.dumps(provenance(tables)),
+                "versions": json.dumps(versions("numpy", "numba")),
+                **met.attributes(),
+            }
+        )
     return met
 
 

@@ -132,22 +132,29 @@ def assess(scene: scenes.Scene, members: pd.DataFrame, cells: pd.DataFrame) -> p
     rate = np.asarray(model.period) * which.time
     stable, unstable = (growths <= RESOLUTION).all(axis=0), (growths > RESOLUTION).all(axis=0)
     thrust = np.asarray(model.thrust) * which.force
-    return pd.DataFrame({
-        "mass_kg": which.mass, "thrust_N": thrust, "acceleration_m_s2": thrust / which.mass,
-        "growth_1_s": growths[0] / rate, "margin_1_s": rooms[0] / rate, "margin_low_1_s": rooms.min(axis=0) / rate,
-        "margin_high_1_s": rooms.max(axis=0) / rate,
-        "verdict": np.select([stable, unstable], ["marginally_stable", "unstable"], "undecided"),
-        "F_x_x": model.jacobian[:, 0, 0], "F_y_y": model.jacobian[:, 1, 1],
-        "tau_x_roll": model.jacobian[:, 2, 2], "tau_y_pitch": model.jacobian[:, 3, 3],
-    }, index=members.index)
+    return pd.DataFrame(
+        {
+            "mass_kg": which.mass,
+            "thrust_N": thrust,
+            "acceleration_m_s2": thrust / which.mass,
+            "growth_1_s": growths[0] / rate,
+            "margin_1_s": rooms[0] / rate,
+            "margin_low_1_s": rooms.min(axis=0) / rate,
+            "margin_high_1_s": rooms.max(axis=0) / rate,
+            "verdict": np.select([stable, unstable], ["marginally_stable", "unstable"], "undecided"),
+            "F_x_x": model.jacobian[:, 0, 0],
+            "F_y_y": model.jacobian[:, 1, 1],
+            "tau_x_roll": model.jacobian[:, 2, 2],
+            "tau_y_pitch": model.jacobian[:, 3, 3],
+        },
+        index=members.index,
+    )
 
 
 def _density(scene: scenes.Scene, group: int) -> float:
     """Density in kg/m³ of the material of the sectors of one cell."""
     sectors = scene.sail.sectors
-    return next(
-        s.properties.density_kg_m3 for s, k in zip(sectors, _groups(scene), strict=True) if k == group
-    )
+    return next(s.properties.density_kg_m3 for s, k in zip(sectors, _groups(scene), strict=True) if k == group)
 
 
 def screen(scene: scenes.Scene, members: pd.DataFrame, cells: pd.DataFrame) -> pd.DataFrame:
@@ -189,9 +196,9 @@ def rank(screened: pd.DataFrame, by: str, at_least: list[str]) -> pd.DataFrame:
     Eligible ones first, then by the measure `by`, by the others, and by number; −1 for those that fail.
     """
     survives = screened["verdict"] == "marginally_stable"
-    good = np.logical_and.reduce([
-        survives, *(screened[name] >= screened[name].iloc[0] * (1.0 - 1e-9) for name in at_least)
-    ])
+    good = np.logical_and.reduce(
+        [survives, *(screened[name] >= screened[name].iloc[0] * (1.0 - 1e-9) for name in at_least)]
+    )
     others = [name for name in MEASURES if name != by]
     keys = [np.arange(len(screened)), *(-screened[name].fillna(0.0) for name in (*others[::-1], by)), ~good, ~survives]
     order = np.lexsort(keys)

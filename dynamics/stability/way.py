@@ -116,9 +116,9 @@ class Way:
         """Linear models at β (n,). seed: of a mixture of all errors at their full size, up or down; None for none."""
         known = {name: _numbers(found, seed) for name, found in self.responses(beta).items()}
         parts = [
-            known[s.design] if s.design else _numbers(
-                [constant_response(s.reflectance or 0.0, s.properties.absorptance)] * beta.size, None
-            )
+            known[s.design]
+            if s.design
+            else _numbers([constant_response(s.reflectance or 0.0, s.properties.absorptance)] * beta.size, None)
             for s in self.scene.sail.sectors
         ]
         q, gradient = (np.stack([part[k] for part in parts], axis=1) for k in range(2))
@@ -247,7 +247,10 @@ def journey(way: Way, beta: Floats, per_second: Floats) -> Journey:
         return np.asarray(cumulative_trapezoid(values, beta, initial=0.0))
 
     return Journey(
-        pull, along(per_beta), along(gamma * per_beta), along(gamma * per_beta * beta * LIGHT_SPEED),
+        pull,
+        along(per_beta),
+        along(gamma * per_beta),
+        along(gamma * per_beta * beta * LIGHT_SPEED),
         along(per_beta * per_second),
     )
 
@@ -262,14 +265,23 @@ def report(way: Way, beta_max: float = BETA_MAX) -> dict[str, Any]:
     stable, lost = found.verdict == 0, np.flatnonzero(trip.log_growth > np.log(LOST))
     end = beta[-1] if stable.all() else beta[max(0, int(np.argmin(stable)) - 1)]
     return {
-        "scene": way.scene.name, "spin_Hz": way.scene.release.spin_Hz, "intensity": way.intensity,
-        "wavelength_m": way.wavelength, "beta_max": beta_max, "way": _entries(way, found, trip, dense),
-        "changes": edges.tolist(), "stable_at_start": bool(stable[0]), "stable_to_beta": float(end),
-        "lost_at_beta": float(dense[lost[0]]) if lost.size else None, "lost_means": f"a swing has grown {LOST:g} times",
-        "resolution": RESOLUTION, "step_in_beta": STEP,
+        "scene": way.scene.name,
+        "spin_Hz": way.scene.release.spin_Hz,
+        "intensity": way.intensity,
+        "wavelength_m": way.wavelength,
+        "beta_max": beta_max,
+        "way": _entries(way, found, trip, dense),
+        "changes": edges.tolist(),
+        "stable_at_start": bool(stable[0]),
+        "stable_to_beta": float(end),
+        "lost_at_beta": float(dense[lost[0]]) if lost.size else None,
+        "lost_means": f"a swing has grown {LOST:g} times",
+        "resolution": RESOLUTION,
+        "step_in_beta": STEP,
         "responses": {
             name: {
-                "wavelengths": band.wavelength.size, "q_error": float(band.q_error.max()),
+                "wavelengths": band.wavelength.size,
+                "q_error": float(band.q_error.max()),
                 "gradient_error": float(band.gradient_error.max()),
             }
             for name, band in way.bands.items()
@@ -293,12 +305,18 @@ def _entries(way: Way, found: Found, trip: Journey, dense: Floats) -> list[dict[
     light, damped = way.wavelength * redshift(found.beta), aberration(way, found.beta)
     return [
         {
-            "beta": float(found.beta[i]), "wavelength_m": float(light[i]), "margin_1_s": float(found.margin[i]),
-            "margin_range_1_s": found.margin_range[i].tolist(), "growth_1_s": float(found.growth[i]),
-            "verdict": VERDICTS[found.verdict[i]], "aberration_1_s": float(damped[i]),
+            "beta": float(found.beta[i]),
+            "wavelength_m": float(light[i]),
+            "margin_1_s": float(found.margin[i]),
+            "margin_range_1_s": found.margin_range[i].tolist(),
+            "growth_1_s": float(found.growth[i]),
+            "verdict": VERDICTS[found.verdict[i]],
+            "aberration_1_s": float(damped[i]),
             "exponents_1_s": [[float(x.real), float(x.imag)] for x in sorted(exponents[i], key=_order)],
-            "acceleration_m_s2": float(trip.acceleration[k]), "time_s": float(trip.time[k]),
-            "proper_time_s": float(trip.proper_time[k]), "distance_m": float(trip.distance[k]),
+            "acceleration_m_s2": float(trip.acceleration[k]),
+            "time_s": float(trip.time[k]),
+            "proper_time_s": float(trip.proper_time[k]),
+            "distance_m": float(trip.distance[k]),
             "log_growth": float(trip.log_growth[k]),
         }
         for i, k in enumerate(at)
@@ -328,7 +346,8 @@ OPTIONS = {
     "--responses": {"nargs": "*", "default": [], "help": "response over the band of each design, from optics.band"},
     "--beta-max": {"type": float, "default": BETA_MAX, "help": "how fast the way ends, in c (default %(default)s)"},
     "--intensity": {
-        "choices": ("sail", "rest"), "default": "sail",
+        "choices": ("sail", "rest"),
+        "default": "sail",
         "help": "light in the frame of the sail, (1 − β)/(1 + β) of that at rest, or that at rest all the way",
     },
 }

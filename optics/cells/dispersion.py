@@ -173,7 +173,14 @@ def _exotic(x: float, c: Floats) -> float:
 
 #: Formulas of the database by their numbers ("Dispersion formulas" there): n from λ in µm and coefficients.
 FORMULAS: dict[int, Callable[[float, Floats], float]] = {
-    1: _sellmeier, 2: _sellmeier_2, 3: _polynomial, 4: _mixed, 5: _cauchy, 6: _gas, 7: _herzberger, 8: _retro,
+    1: _sellmeier,
+    2: _sellmeier_2,
+    3: _polynomial,
+    4: _mixed,
+    5: _cauchy,
+    6: _gas,
+    7: _herzberger,
+    8: _retro,
     9: _exotic,
 }
 #: Fewest and most coefficients; formulas of pairs have an odd number.

@@ -112,8 +112,13 @@ def staircase(cell: Grating, slices: int) -> LamellarStack:
     pieces = pieces_of(cell)
     layers = [layer_at(cell, pieces, top, bottom) for top, bottom in pairwise(levels)]
     return LamellarStack(
-        kind="lamellar", name=cell.name, wavelength_nm=cell.wavelength_nm, electric_axis=cell.electric_axis,
-        period_nm=cell.period_nm, layers=_joined(layers), surroundings=cell.surroundings,
+        kind="lamellar",
+        name=cell.name,
+        wavelength_nm=cell.wavelength_nm,
+        electric_axis=cell.electric_axis,
+        period_nm=cell.period_nm,
+        layers=_joined(layers),
+        surroundings=cell.surroundings,
     )
 
 

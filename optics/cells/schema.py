@@ -94,7 +94,10 @@ class MaterialIndex(_Dispersive):
 
 
 _DISPERSIVE: dict[str, type[_Dispersive]] = {
-    "table": TableIndex, "sellmeier": SellmeierIndex, "file": FileIndex, "material": MaterialIndex,
+    "table": TableIndex,
+    "sellmeier": SellmeierIndex,
+    "file": FileIndex,
+    "material": MaterialIndex,
 }
 _ROWS = "table: must be two or more rows [wavelength_nm, n, k] with ascending wavelengths"
 
@@ -350,8 +353,12 @@ def as_stack(cell: Metagrating | LamellarStack) -> LamellarStack:
     ridges = [Ridge(start_nm=start, width_nm=width, index=cell.index) for start, width in cell.ridges_nm]
     front = Index(n=cell.surroundings.front)
     return LamellarStack(
-        kind="lamellar", name=cell.name, wavelength_nm=cell.wavelength_nm, electric_axis=cell.electric_axis,
-        period_nm=cell.period_nm, surroundings=cell.surroundings,
+        kind="lamellar",
+        name=cell.name,
+        wavelength_nm=cell.wavelength_nm,
+        electric_axis=cell.electric_axis,
+        period_nm=cell.period_nm,
+        surroundings=cell.surroundings,
         layers=[
             LamellarLayer(thickness_nm=cell.ridge_height_nm, index=front, ridges=ridges),
             LamellarLayer(thickness_nm=cell.membrane_nm, index=cell.index, coherent=cell.membrane_coherent),
@@ -414,7 +421,10 @@ def require_coherent(cell: Cell, solver: str) -> None:
 
 
 KINDS: dict[str, type[Cell]] = {
-    "metagrating": Metagrating, "thin_film": ThinFilm, "lamellar": LamellarStack, "profile": Profile,
+    "metagrating": Metagrating,
+    "thin_film": ThinFilm,
+    "lamellar": LamellarStack,
+    "profile": Profile,
 }
 
 

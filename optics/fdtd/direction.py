@@ -141,9 +141,15 @@ def solve_direction(
         if error <= settings.tolerance:
             break
     return DirectionResult(
-        q=np.array([best[0], v * best[2], best[1]]), absorptance=float(best[2]), error=error,
-        energy_imbalance=result.imbalance, stress=stress, residual=decay.residual,
-        capped=decay.capped, seconds=watch.cpu_seconds, resolutions=tuple(n / periods(cell) for n, _ in done),
+        q=np.array([best[0], v * best[2], best[1]]),
+        absorptance=float(best[2]),
+        error=error,
+        energy_imbalance=result.imbalance,
+        stress=stress,
+        residual=decay.residual,
+        capped=decay.capped,
+        seconds=watch.cpu_seconds,
+        resolutions=tuple(n / periods(cell) for n, _ in done),
         grazing=grazing(cell, u, v),
     )
 

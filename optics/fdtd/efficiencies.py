@@ -130,7 +130,12 @@ def efficiencies(
     kept = 0.0 if weakly_absorbing(cell) else absorbed
     imbalance = 1 - reflected.sum() + float(flux(behind).sum()) / power - kept
     return Efficiencies(
-        run.orders, reflected, transmitted, absorbed, imbalance, _force(run, amplitudes) / power,
+        run.orders,
+        reflected,
+        transmitted,
+        absorbed,
+        imbalance,
+        _force(run, amplitudes) / power,
         decay.worse(incident.decay),
     )
 

@@ -120,8 +120,14 @@ def layout(cell: Grating, n_x: int, settings: FdtdSettings, thicker: float = 1.0
     bottom = absorber + 1 + padding - n_y // 2
     top = bottom + structure + padding
     return Layout(
-        period, n_x, n_y, absorber, bottom * pixel,
-        (top - 0.5) * pixel, (bottom - padding + 0.5) * pixel, (top + 1) * pixel,
+        period,
+        n_x,
+        n_y,
+        absorber,
+        bottom * pixel,
+        (top - 0.5) * pixel,
+        (bottom - padding + 0.5) * pixel,
+        (top + 1) * pixel,
     )
 
 

@@ -157,9 +157,11 @@ def nearly_transparent(cell: Grating) -> bool:
 
 def second_order(cell: Grating) -> bool:
     """Whether errors fall with the square of the pixel: no metal, and no absorber with slanted faces (see `Media`)."""
-    return nearly_transparent(cell) and (weakly_absorbing(cell) or isinstance(cell, LamellarStack) or (
-        isinstance(cell, Metagrating) and cell.corner_radius_nm == 0
-    ))
+    return nearly_transparent(cell) and (
+        weakly_absorbing(cell)
+        or isinstance(cell, LamellarStack)
+        or (isinstance(cell, Metagrating) and cell.corner_radius_nm == 0)
+    )
 
 
 def lossless(cell: Grating) -> bool:

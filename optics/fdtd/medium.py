@@ -51,7 +51,8 @@ class Media:
         poles = [self._pole(strength, gamma) for strength, gamma in ((free, 0.0), (lossy, self.frequency))]
         across = (harmonic - mean).real * n_x * n_y if self.oblique else 0.0
         return self.mp.Medium(
-            epsilon_diag=self.mp.Vector3(*infinity[:3]), epsilon_offdiag=self.mp.Vector3(across),
+            epsilon_diag=self.mp.Vector3(*infinity[:3]),
+            epsilon_offdiag=self.mp.Vector3(across),
             E_susceptibilities=[pole for pole in poles if pole is not None],
         )
 

@@ -26,9 +26,9 @@ def _all_orders(cell: Grating, u: float, v: float) -> Orders:
     most = int(np.ceil((max(front.real, back.real) + 1 + abs(u)) / cell.pitch))
     m = np.arange(-most, most + 1)
     u_m, w_front = order_cosines(u, v, cell.pitch, m, front.real)
-    behind = np.sqrt(half_spaces(cell)[1] - u_m**2 - v**2) if back.imag else order_cosines(
-        u, v, cell.pitch, m, back.real
-    )[1]
+    behind = (
+        np.sqrt(half_spaces(cell)[1] - u_m**2 - v**2) if back.imag else order_cosines(u, v, cell.pitch, m, back.real)[1]
+    )
     return Orders(u_m, w_front, behind)
 
 

@@ -23,8 +23,20 @@ from optics.table.promise import promised
 from optics.waves.incidence import cutoffs
 
 _COLUMNS = (
-    "u", "v", "q_g", "q_r", "q_n", "absorptance", "error", "energy_imbalance", "stress", "residual", "capped",
-    "seconds", "grazing", "finest",
+    "u",
+    "v",
+    "q_g",
+    "q_r",
+    "q_n",
+    "absorptance",
+    "error",
+    "energy_imbalance",
+    "stress",
+    "residual",
+    "capped",
+    "seconds",
+    "grazing",
+    "finest",
 )
 _U_SPACING, _V_SPACING = 0.0025, 0.0075
 
@@ -77,8 +89,18 @@ class Rows:
     def added(self, u: float, v: float, solved: Solved) -> Rows:
         """With one more row."""
         row = [
-            u, v, *solved.q, solved.absorptance, solved.error, solved.energy_imbalance, solved.stress,
-            solved.residual, float(solved.capped), solved.seconds, solved.grazing, solved.resolutions[-1],
+            u,
+            v,
+            *solved.q,
+            solved.absorptance,
+            solved.error,
+            solved.energy_imbalance,
+            solved.stress,
+            solved.residual,
+            float(solved.capped),
+            solved.seconds,
+            solved.grazing,
+            solved.resolutions[-1],
         ]
         return Rows(np.vstack([self.values, row]))
 
@@ -142,7 +164,11 @@ def _dense(nodes: Floats, spacing: float) -> Floats:
 
 
 def merge(
-    cell: Grating, settings: FdtdSettings, u_nodes: Floats, v_nodes: Floats, between: float | None,
+    cell: Grating,
+    settings: FdtdSettings,
+    u_nodes: Floats,
+    v_nodes: Floats,
+    between: float | None,
     parts: Sequence[Path],
 ) -> PressureTable:
     """The pressure table, with its promise, from part files that together hold all of u_nodes (n,) × v_nodes (m,).
@@ -163,7 +189,8 @@ def merge(
     error = _nearby(u_nodes, v_nodes, rows.column("error").reshape(shape), u, v) + interpolated + fit
     q = np.stack([q_g, v * absorptance, q_n])
     attrs = _attrs(cell, settings, rows, u_nodes, v_nodes) | {
-        "interpolation_error": float(interpolated.max()), "permittivity_error": fit,
+        "interpolation_error": float(interpolated.max()),
+        "permittivity_error": fit,
     }
     table = PressureTable(u, v, q, absorptance, error, mirror_v=True, attrs=attrs)
     return promised(table, TABLE * settings.tolerance, _causes(settings, rows, interpolated))
@@ -209,17 +236,30 @@ def _nearby(u_nodes: Floats, v_nodes: Floats, error: Floats, u: Floats, v: Float
 def _attrs(cell: Grating, settings: FdtdSettings, rows: Rows, u_nodes: Floats, v_nodes: Floats) -> dict[str, Any]:
     finest, counts = np.unique(rows.column("finest"), return_counts=True)
     return {
-        "name": cell.name, "solver": "fdtd", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
-        "settings": settings.model_dump(mode="json") | {
-            "tolerance": TABLE * settings.tolerance, "tolerance_of_a_direction": settings.tolerance,
-        }, "nodes_u": u_nodes.tolist(), "nodes_v": v_nodes.tolist(),
+        "name": cell.name,
+        "solver": "fdtd",
+        "cell": cell.model_dump(),
+        "wavelength_m": cell.wavelength_nm * 1e-9,
+        "settings": settings.model_dump(mode="json")
+        | {
+            "tolerance": TABLE * settings.tolerance,
+            "tolerance_of_a_direction": settings.tolerance,
+        },
+        "nodes_u": u_nodes.tolist(),
+        "nodes_v": v_nodes.tolist(),
         "directions_by_pixels_per_wavelength": {f"{key:.3g}": int(n) for key, n in zip(finest, counts, strict=True)},
-        "cutoffs": sorted({
-            x for n in (cell.surroundings.front, cell.surroundings.back)
-            for x in cutoffs(cell.pitch, float(np.abs(u_nodes).max()), index=n)
-        }),
+        "cutoffs": sorted(
+            {
+                x
+                for n in (cell.surroundings.front, cell.surroundings.back)
+                for x in cutoffs(cell.pitch, float(np.abs(u_nodes).max()), index=n)
+            }
+        ),
         "energy_imbalance": float(np.abs(rows.column("energy_imbalance")).max()),
-        "stress_difference": float(rows.column("stress").max()), "capped": int(rows.column("capped").sum()),
-        "residual": float(rows.column("residual").max()), "grazing": float(rows.column("grazing").min()),
-        "cpu_seconds": float(rows.column("seconds").sum()), "versions": versions("numpy", "scipy", "h5py"),
+        "stress_difference": float(rows.column("stress").max()),
+        "capped": int(rows.column("capped").sum()),
+        "residual": float(rows.column("residual").max()),
+        "grazing": float(rows.column("grazing").min()),
+        "cpu_seconds": float(rows.column("seconds").sum()),
+        "versions": versions("numpy", "scipy", "h5py"),
     }

@@ -69,8 +69,12 @@ class Progress:
         self._done, self._count = 0, len(self._left)
         terminal = sys.stderr.isatty()
         self._bar = tqdm(
-            total=sum(self._left.values()), desc=what, mininterval=0.2 if terminal else 60, ascii=not terminal,
-            smoothing=0, bar_format="{desc}: {percentage:3.0f}%|{bar}| [{elapsed}<{remaining}{postfix}]",
+            total=sum(self._left.values()),
+            desc=what,
+            mininterval=0.2 if terminal else 60,
+            ascii=not terminal,
+            smoothing=0,
+            bar_format="{desc}: {percentage:3.0f}%|{bar}| [{elapsed}<{remaining}{postfix}]",
             postfix=self._said,
         )
 

@@ -149,17 +149,25 @@ class Run:
     def _simulation(self) -> Any:
         mp, grid, f = self.mp, self.grid, self.frequency
         absorber = mp.PML(
-            grid.n_absorber * grid.pixel, direction=mp.Y, R_asymptotic=reflection(grazing(self.cell, self.u, self.v)),
+            grid.n_absorber * grid.pixel,
+            direction=mp.Y,
+            R_asymptotic=reflection(grazing(self.cell, self.u, self.v)),
             mean_stretch=2.0,  # without it slowly decaying near fields reach the end of the absorber, and grow there
         )
         media = Media(mp, f, self.step, not weakly_absorbing(self.cell), nearly_transparent(self.cell))
         self.seen = sampled(self.material, grid, self.rows)
         return mp.Simulation(
-            cell_size=mp.Vector3(self.width, grid.n_y * grid.pixel), resolution=1 / grid.pixel, dimensions=2,
+            cell_size=mp.Vector3(self.width, grid.n_y * grid.pixel),
+            resolution=1 / grid.pixel,
+            dimensions=2,
             default_material=media.one(self.material.front, self.material.front),
             geometry=[] if self.empty else self._geometry(media),
-            extra_materials=media.examples(), sources=self._sources(), boundary_layers=[absorber],
-            k_point=mp.Vector3(f * self.u, 0, f * self.v), kz_2d="complex", Courant=self.settings.courant,
+            extra_materials=media.examples(),
+            sources=self._sources(),
+            boundary_layers=[absorber],
+            k_point=mp.Vector3(f * self.u, 0, f * self.v),
+            kz_2d="complex",
+            Courant=self.settings.courant,
             eps_averaging=False,  # `fdtd_material` does it
             ensure_periodicity=False,  # what lies behind the cell would come up again in the absorber in front of it
         )
@@ -179,10 +187,15 @@ class Run:
 
         return [
             mp.Source(
-                pulse, component, center=mp.Vector3(0, self.grid.y_source), size=mp.Vector3(self.width),
-                amplitude=amplitude, amp_func=phase,
+                pulse,
+                component,
+                center=mp.Vector3(0, self.grid.y_source),
+                size=mp.Vector3(self.width),
+                amplitude=amplitude,
+                amp_func=phase,
             )
-            for component, amplitude in ((mp.Ex, current[0]), (mp.Ez, current[1])) if abs(amplitude) > 1e-12
+            for component, amplitude in ((mp.Ex, current[0]), (mp.Ez, current[1]))
+            if abs(amplitude) > 1e-12
         ]
 
     def _monitor(self, components: list[Any], y: float, height: float) -> Any:

@@ -105,9 +105,9 @@ class _Sampler:
                 top, below = lamellar.through_layers(part, bases, starts, vv, *ends, source, NEGLIGIBLE, known)
             found.append((top[:, 1][:, c], below[:, c]))
         (reflected, sent), (from_behind, forwards) = found
-        whole = np.concatenate([
-            np.concatenate([reflected, forwards], axis=2), np.concatenate([sent, from_behind], axis=2)
-        ], axis=1)
+        whole = np.concatenate(
+            [np.concatenate([reflected, forwards], axis=2), np.concatenate([sent, from_behind], axis=2)], axis=1
+        )
         phase = np.tile(phases(bases, np.diff([*starts, uu.size]), self.order)[:, c[: self.of.count]], 4)
         return (phase[:, :, None] * whole / phase[:, None]).reshape(u.size, v.size, *whole.shape[1:])
 
@@ -157,8 +157,10 @@ class Core:
         for k in range(0, u.size, _BLOCK):
             some = slice(k, k + _BLOCK)
             parts = [
-                _sum((in_u[some, :, None] * x[some, None]).reshape(-1, x.shape[1] * in_u.shape[1]),
-                     c.reshape(-1, c.shape[-1]))
+                _sum(
+                    (in_u[some, :, None] * x[some, None]).reshape(-1, x.shape[1] * in_u.shape[1]),
+                    c.reshape(-1, c.shape[-1]),
+                )
                 for x, c in zip(in_v, (self.even, self.odd), strict=True)
             ]
             found.append(self._response(u[some], v[some], parts))
@@ -267,7 +269,11 @@ def _terms(solve: Callable[[Floats, Floats], Complexes], reach: tuple[float, flo
 
 
 def find_core(
-    cell: ModalCell, order: int, reach: tuple[float, float], goal: float, go_on: Callable[[], None] = lambda: None,
+    cell: ModalCell,
+    order: int,
+    reach: tuple[float, float],
+    goal: float,
+    go_on: Callable[[], None] = lambda: None,
     terms: list[int] | None = None,
 ) -> Core | None:
     """The core of a cell over |u|, |v| ≤ reach with S right to `goal`; None where it would be of no use.

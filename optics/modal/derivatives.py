@@ -134,7 +134,9 @@ class _Seeds:
         period, (start, end) = self.stack.period_nm, self.ends(i, j)
         field = f"layers[{i}].ridges[{j}]"
         moves = {
-            f"{field}.start_nm": (1.0, 1.0), f"{field}.width_nm": (0.0, 1.0), "period_nm": (-start, -end),
+            f"{field}.start_nm": (1.0, 1.0),
+            f"{field}.width_nm": (0.0, 1.0),
+            "period_nm": (-start, -end),
         }
         return np.array([moves.get(name, (0.0, 0.0)) for name in self.names]).reshape(-1, 2).T / period
 
@@ -198,9 +200,7 @@ def _basis(seeds: _Seeds, of: Stretch | None, u_m: Dual) -> _Basis:
     gaps = kappa - kappa[:, None] + np.eye(n)
     mixing = np.where(np.eye(n) > 0, -norms / 2, turns / gaps)
     own = exact(of, n)
-    cosines = Dual(
-        np.where(own, u_m.value, kappa), np.where(own, u_m.dot, np.einsum("tii->ti", turns).real)
-    )
+    cosines = Dual(np.where(own, u_m.value, kappa), np.where(own, u_m.dot, np.einsum("tii->ti", turns).real))
     return _Basis(of, cosines, Dual(w.astype(complex), w @ mixing))
 
 
@@ -265,8 +265,16 @@ def _reflection(u_m: Dual, v: Dual, permittivity: complex) -> Dual:
 
 
 def _pressure(
-    stack: LamellarStack, u: Dual, v: Dual, *, u_m: Dual, order: int, rho: Dual, waves: list[tuple[Dual, Dual, Dual]],
-    tops: list[Dual], bounces: list[Dual],
+    stack: LamellarStack,
+    u: Dual,
+    v: Dual,
+    *,
+    u_m: Dual,
+    order: int,
+    rho: Dual,
+    waves: list[tuple[Dual, Dual, Dual]],
+    tops: list[Dual],
+    bounces: list[Dual],
 ) -> tuple[Dual, Dual]:
     """Force and absorptance: q (3,) from ρ of all layers, and the way of f₊ through them."""
     front, back = complex(stack.surroundings.front) ** 2, _back(stack)

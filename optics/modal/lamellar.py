@@ -93,7 +93,8 @@ def lamellae(stack: LamellarStack) -> list[Lamella]:
         background = layer.index.permittivity
         ridges = tuple(
             (ridge.start_nm / stack.period_nm, ridge.width_nm / stack.period_nm, ridge.index.permittivity)
-            for ridge in layer.ridges if ridge.index.permittivity != background
+            for ridge in layer.ridges
+            if ridge.index.permittivity != background
         )
         out.append(Lamella(2 * np.pi * layer.thickness_nm / stack.wavelength_nm, background, ridges))
     return out
@@ -130,9 +131,7 @@ def half_space(u_m: Floats, v: Floats, permittivity: complex) -> tuple[Complexes
     return k_z, np.stack([k_z, permittivity / k_z])
 
 
-def tail(
-    layers: list[Lamella], permittivity: complex, u_m: Floats, v: Floats
-) -> tuple[Complexes, Complexes]:
+def tail(layers: list[Lamella], permittivity: complex, u_m: Floats, v: Floats) -> tuple[Complexes, Complexes]:
     """What lies behind the last patterned layer: homogeneous `layers` and a half-space.
 
     Returns ρ (2, n_d, n) for s and p, and the tangential ẑ × E (2, n_d, n) in the half-space per f₊ at the top.
@@ -184,7 +183,7 @@ def flux(turned_e: Complexes, h: Complexes) -> Floats:
     With two unit polarisations a and b the power is P_aa |a|² + P_bb |b|² + 2 Re(P_ab a b*).
     """
     n = h.shape[1] // 2
-    power = (turned_e[:, :n, :, None] * h[:, :n, None].conj() + turned_e[:, n:, :, None] * h[:, n:, None].conj())
+    power = turned_e[:, :n, :, None] * h[:, :n, None].conj() + turned_e[:, n:, :, None] * h[:, n:, None].conj()
     aa, bb = power[..., 0, 0].real, power[..., 1, 1].real
     ab = (power[..., 0, 1] + power[..., 1, 0].conj()) / 2
     return np.stack([(aa + bb) / 2, (aa - bb) / 2, ab.real, -ab.imag], axis=1)
@@ -221,8 +220,9 @@ class Stack:
 
 
 def _prepare_steps(cell: Slanted) -> Stack:
-    behind = [Lamella(2 * np.pi * part.thickness_nm / cell.wavelength_nm, part.index.permittivity, ())
-              for part in cell.behind]
+    behind = [
+        Lamella(2 * np.pi * part.thickness_nm / cell.wavelength_nm, part.index.permittivity, ()) for part in cell.behind
+    ]
     around = cell.surroundings
     return Stack(cell.pitch, [], behind, around.front, complex(around.back, around.back_k) ** 2, None, slanted=cell)
 
@@ -258,8 +258,15 @@ def incident_light(u: Floats, v: Floats, order: int, index: float) -> tuple[Comp
 
 
 def through_layers(
-    stack: Stack, bases: list[Basis], starts: list[int], v: Floats, front: Complexes, back: Complexes,
-    source: Complexes, negligible: float, known: list[list[LayerModes]] | None = None,
+    stack: Stack,
+    bases: list[Basis],
+    starts: list[int],
+    v: Floats,
+    front: Complexes,
+    back: Complexes,
+    source: Complexes,
+    negligible: float,
+    known: list[list[LayerModes]] | None = None,
 ) -> tuple[Complexes, Complexes]:
     """`scatter` for n_d directions, those of one u and basis from `starts` on: f± (n_d, 2, 2n, columns), f₊ below.
 
@@ -276,8 +283,19 @@ def through_layers(
         for i in np.flatnonzero(~np.isnan(epsilon)):
             k_z[:, i] = np.tile(half_space(over.cosines, v[part], epsilon[i])[0], 2)
         scatter(
-            stacked, joints(stacked, epsilon), epsilon, over.cosines, v[part], k_z, np.exp(1j * k_z * thickness),
-            front[part], back[part], source[part], negligible, top[part], bottom[part],
+            stacked,
+            joints(stacked, epsilon),
+            epsilon,
+            over.cosines,
+            v[part],
+            k_z,
+            np.exp(1j * k_z * thickness),
+            front[part],
+            back[part],
+            source[part],
+            negligible,
+            top[part],
+            bottom[part],
         )
     return top, bottom
 

@@ -37,12 +37,25 @@ CUTOFF = 1e-9  # of a period of a whole number of wavelengths
 COARSER = (0.7, 0.85)  # shares of the orders; errors fall with wiggles, so that one of them may be right by chance
 ORDER = 15
 COLUMNS = (
-    "q_g", "q_n", "q_g_u", "q_n_u", "absorptance", "q_error", "gradient_error", "absorptance_error", "mean_thickness_m",
+    "q_g",
+    "q_n",
+    "q_g_u",
+    "q_n_u",
+    "absorptance",
+    "q_error",
+    "gradient_error",
+    "absorptance_error",
+    "mean_thickness_m",
     "wavelength_m",
 )
-SCHEMA = pa.schema([
-    ("cell", pa.int64()), *((name, pa.float64()) for name in COLUMNS), ("order", pa.int64()), ("resolved", pa.bool_()),
-])
+SCHEMA = pa.schema(
+    [
+        ("cell", pa.int64()),
+        *((name, pa.float64()) for name in COLUMNS),
+        ("order", pa.int64()),
+        ("resolved", pa.bool_()),
+    ]
+)
 UNRESOLVED = 0.05  # error of q from which on its slopes and their errors mean nothing
 
 
@@ -75,9 +88,7 @@ def slopes(cell: ModalCell, order: int) -> tuple[Floats, Floats]:
     return found.q, np.stack([found.q_dot[0], [0.0, found.absorptance, 0.0]], axis=1)
 
 
-def normal_response(
-    cell: ModalCell, order: int, half: ModalCell | None = None
-) -> NormalResponse:
+def normal_response(cell: ModalCell, order: int, half: ModalCell | None = None) -> NormalResponse:
     """Response of a cell; errors: the largest change of a value, or a slope, from 0.7 and 0.85 of the orders.
 
     half: the cell with half the slices or steps; values are then extrapolated, by what the errors grow.
@@ -117,11 +128,19 @@ def row(number: int, cell: Metagrating, order: int) -> dict[str, Any]:
     """One row of the file."""
     found = normal_response(cell, order)
     return {
-        "cell": number, "q_g": found.q[0], "q_n": found.q[2], "q_g_u": found.gradient[0, 0],
-        "q_n_u": found.gradient[2, 0], "absorptance": found.gradient[1, 1], "q_error": found.q_error[0],
-        "gradient_error": found.gradient_error[0, 0], "absorptance_error": found.gradient_error[1, 1],
-        "mean_thickness_m": cross_section(cell.model_dump()).mean_m, "wavelength_m": cell.wavelength_nm * 1e-9,
-        "order": order, "resolved": bool(found.q_error[0] <= UNRESOLVED) and not without_limit(cell),
+        "cell": number,
+        "q_g": found.q[0],
+        "q_n": found.q[2],
+        "q_g_u": found.gradient[0, 0],
+        "q_n_u": found.gradient[2, 0],
+        "absorptance": found.gradient[1, 1],
+        "q_error": found.q_error[0],
+        "gradient_error": found.gradient_error[0, 0],
+        "absorptance_error": found.gradient_error[1, 1],
+        "mean_thickness_m": cross_section(cell.model_dump()).mean_m,
+        "wavelength_m": cell.wavelength_nm * 1e-9,
+        "order": order,
+        "resolved": bool(found.q_error[0] <= UNRESOLVED) and not without_limit(cell),
     }
 
 

@@ -93,8 +93,13 @@ def part(stack: lamellar.Stack, first: int, last: int, u_max: float) -> Parted:
         reach = max(reach, float(np.sqrt(max(layer.background.real, 0.0) + decay**2)))
     pitch, back = stack.pitch, float(np.sqrt(stack.back).real)
     return Parted(
-        stack, layers[:first], chain, layers[last + 1 :], orders_within(pitch, reach, u_max),
-        orders_within(pitch, stack.front_index, u_max), orders_within(pitch, back, u_max),
+        stack,
+        layers[:first],
+        chain,
+        layers[last + 1 :],
+        orders_within(pitch, reach, u_max),
+        orders_within(pitch, stack.front_index, u_max),
+        orders_within(pitch, back, u_max),
     )
 
 
@@ -233,10 +238,13 @@ def scattering(of: Parted, u: Floats, v: Floats, order: int, negligible: float) 
     at = _Solver(of, bases, starts, u_m, v, order, negligible)
     phase = np.tile(phases(bases, np.diff([*starts, u.size]), order), 2)
     parts = [_front(at, phase, u), *([_back(at, phase)] if of.patterned_behind else [])]
-    flat = np.concatenate([
-        held for (found, loss), lossless in zip(parts, of.lossless, strict=False)
-        for held in (_real(found), *([] if lossless else [_hermitian(loss)]))
-    ])
+    flat = np.concatenate(
+        [
+            held
+            for (found, loss), lossless in zip(parts, of.lossless, strict=False)
+            for held in (_real(found), *([] if lossless else [_hermitian(loss)]))
+        ]
+    )
     return np.concatenate([flat, np.zeros((-len(flat) % 4, u.size))])
 
 

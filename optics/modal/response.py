@@ -53,8 +53,15 @@ def parts_of(
     w = wave_vector(u, v, stack.front_index)[:, 2, None]
     light = np.array([1.0, 0.0, 0.0, 0.0])
     q, absorptance = pressure(
-        u[:, None], v[:, None], w, u_m=u_m[:, None], w_front=w_front[:, None], w_back=w_back[:, None],
-        reflected=reflected, transmitted=transmitted, light=light,
+        u[:, None],
+        v[:, None],
+        w,
+        u_m=u_m[:, None],
+        w_front=w_front[:, None],
+        w_back=w_back[:, None],
+        reflected=reflected,
+        transmitted=transmitted,
+        light=light,
     )
     s = stokes(u, v, electric_vector(u, v, axis, stack.front_index), stack.front_index)
     nominal = [np.einsum("ds,ds...->d...", s, part) for part in (q, absorptance, reflected, transmitted)]
@@ -70,7 +77,10 @@ def _solve_block(
 
 
 def solve(
-    cell: ModalCell, u: NDArray[np.float64], v: NDArray[np.float64], order: int,
+    cell: ModalCell,
+    u: NDArray[np.float64],
+    v: NDArray[np.float64],
+    order: int,
     negligible: float = NEGLIGIBLE,
 ) -> Response:
     """Response over directions u (n_u) × v (n_v) with diffraction orders −order … order (see `optics.modal.lamellar`).

@@ -161,8 +161,15 @@ def joints(t: LayerModes, epsilon: Complexes) -> Joints:
 
 @numba.njit(cache=True, error_model="numpy")
 def _joined(
-    t: Joints, i: int, v: float, k_z: Complexes, k_next: Complexes, part: Complexes, reach: NDArray[np.int64],
-    total: Complexes, apart: Complexes,
+    t: Joints,
+    i: int,
+    v: float,
+    k_z: Complexes,
+    k_next: Complexes,
+    part: Complexes,
+    reach: NDArray[np.int64],
+    total: Complexes,
+    apart: Complexes,
 ) -> None:
     """2 a₊ and 2 a₋ (2n, 2n) above joint i, per a₊ at the top of the layer below, of which `part` returns there."""
     m = k_z.size
@@ -200,8 +207,16 @@ def _columns(whole: Complexes, reach: NDArray[np.int64], x: Complexes) -> Comple
 
 @numba.njit(cache=True, error_model="numpy")
 def _bounces(
-    joints: Joints, epsilon: Complexes, v: float, k_z: Complexes, x: Complexes, back: Complexes, negligible: float,
-    plus: Complexes, minus: Complexes, total: Complexes,
+    joints: Joints,
+    epsilon: Complexes,
+    v: float,
+    k_z: Complexes,
+    x: Complexes,
+    back: Complexes,
+    negligible: float,
+    plus: Complexes,
+    minus: Complexes,
+    total: Complexes,
 ) -> list[Complexes]:
     """Amplitudes (2n, n_reach) that return at the bottom of each layer, per amplitude at its top, last layer first.
 
@@ -230,7 +245,12 @@ def _bounces(
 
 @numba.njit(cache=True, error_model="numpy")
 def _amplitudes(
-    front: Complexes, source: Complexes, x: Complexes, negligible: float, plus: Complexes, minus: Complexes,
+    front: Complexes,
+    source: Complexes,
+    x: Complexes,
+    negligible: float,
+    plus: Complexes,
+    minus: Complexes,
     bounce: Complexes,
 ) -> Complexes:
     """Amplitudes (2n, 2) that the light drives at the top of the first layer."""
@@ -243,8 +263,19 @@ def _amplitudes(
 
 @numba.njit(cache=True, error_model="numpy")
 def scatter(
-    modes: LayerModes, joints: Joints, epsilon: Complexes, u_m: Floats, v: Floats, k_z: Complexes, x: Complexes,
-    front: Complexes, back: Complexes, source: Complexes, negligible: float, outer: Complexes, inner: Complexes,
+    modes: LayerModes,
+    joints: Joints,
+    epsilon: Complexes,
+    u_m: Floats,
+    v: Floats,
+    k_z: Complexes,
+    x: Complexes,
+    front: Complexes,
+    back: Complexes,
+    source: Complexes,
+    negligible: float,
+    outer: Complexes,
+    inner: Complexes,
 ) -> None:
     """f₊ and f₋ at the top (outer (n_v, 2, 2n, 2)) and f₊ at the bottom (inner (n_v, 2n, 2)) of n_l layers for each v.
 

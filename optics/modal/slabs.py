@@ -178,7 +178,13 @@ def slabs(cell: Slanted, order: int) -> Slabs | None:
 
 
 def climb_slabs(
-    of: Slabs, u: Floats, v: Floats, front: Complexes, back: Complexes, source: Complexes, outer: Complexes,
+    of: Slabs,
+    u: Floats,
+    v: Floats,
+    front: Complexes,
+    back: Complexes,
+    source: Complexes,
+    outer: Complexes,
     inner: Complexes,
 ) -> None:
     """As `optics.modal.slanted.climb_steps`, for directions u, v (n_d)."""

@@ -123,10 +123,14 @@ def products_of(of: Steps, g: Floats) -> Products:
     z, z_x, x_z, p, epsilon = of.z, of.z_x, of.x_z, of.p, of.epsilon
 
     def sandwiches(k: Floats) -> Complexes:
-        return np.stack([
-            (z_x * k) @ z_x - (z * k) @ p, (z_x * k) @ z + (z * k) @ x_z, (p * k) @ z - (x_z * k) @ x_z,
-            (p * k) @ z_x + (x_z * k) @ p,
-        ])
+        return np.stack(
+            [
+                (z_x * k) @ z_x - (z * k) @ p,
+                (z_x * k) @ z + (z * k) @ x_z,
+                (p * k) @ z - (x_z * k) @ x_z,
+                (p * k) @ z_x + (x_z * k) @ p,
+            ]
+        )
 
     plain = np.stack([z @ epsilon, epsilon @ z, epsilon @ z_x, x_z @ epsilon])
     return Products(plain, sandwiches(g), sandwiches(np.ones(g.size)))
@@ -241,8 +245,15 @@ def full_matrix(blocks: Complexes) -> Complexes:
 
 @numba.njit(cache=True, error_model="numpy")
 def climb_steps(
-    of: Steps, by: Products, u_m: Floats, v: Floats, front: Complexes, back: Complexes, source: Complexes,
-    outer: Complexes, inner: Complexes,
+    of: Steps,
+    by: Products,
+    u_m: Floats,
+    v: Floats,
+    front: Complexes,
+    back: Complexes,
+    source: Complexes,
+    outer: Complexes,
+    inner: Complexes,
 ) -> None:
     """f₊ and f₋ at the top (outer (n_d, 2, 2n, 2)) and f₊ at the bottom (inner (n_d, 2n, 2)) for n_d directions.
 

@@ -139,9 +139,7 @@ def make_table(
     propagating(cell, u_max)
     thick = least_thickness(cell, u_max, v_max, tolerance)
     refuse_early(cell, u_max, v_max, most_minutes)
-    chosen = choose(
-        cell, u_max, v_max, tolerance, lambda: require_time(watch.cpu_seconds, cell.name, most_minutes)
-    )
+    chosen = choose(cell, u_max, v_max, tolerance, lambda: require_time(watch.cpu_seconds, cell.name, most_minutes))
     if np.isfinite(thick):
         chosen, table, reasons = _joined(find(chosen, thick, u_max, v_max, tolerance, most_minutes))
     else:
@@ -162,8 +160,13 @@ def _attributes(cell: Grating, chosen: Chosen, absorptance: Floats, settings: di
         lost = imbalance(chosen.cell, *few, chosen.order) if is_coherent(cell) else max(0.0, -float(absorptance.min()))
     grazing = {x for n in (around.front, around.back) for x in rayleigh_cutoffs(cell.pitch, u_max, index=n)}
     return {
-        "name": cell.name, "solver": "modal", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
-        "settings": settings, "cutoffs": sorted(grazing), "energy_imbalance": lost,
+        "name": cell.name,
+        "solver": "modal",
+        "cell": cell.model_dump(),
+        "wavelength_m": cell.wavelength_nm * 1e-9,
+        "settings": settings,
+        "cutoffs": sorted(grazing),
+        "energy_imbalance": lost,
         **({ATTRIBUTE: normal_response(chosen.cell, chosen.order, chosen.half).as_dict()} if is_coherent(cell) else {}),
         "versions": versions("numpy", "scipy"),
     }
@@ -171,8 +174,10 @@ def _attributes(cell: Grating, chosen: Chosen, absorptance: Floats, settings: di
 
 def _of_orders(chosen: Chosen, u: Floats, v: Floats, nodes: Forces, negligible: float) -> Floats:
     """Errors (2, n_u, n_v) from orders and slices at nodes u × v, told at some of them and linear between these."""
-    some = [np.unique(np.linspace(0, x.size - 1, 1 + int(np.ceil((x.size - 1) / _TOLD))).round().astype(int))
-            for x in (u, v)]
+    some = [
+        np.unique(np.linspace(0, x.size - 1, 1 + int(np.ceil((x.size - 1) / _TOLD))).round().astype(int))
+        for x in (u, v)
+    ]
     told = chosen.errors(u[some[0]], v[some[1]], Forces(*(part[np.ix_(*some)] for part in nodes)), negligible)
     along_u, along_v = (
         np.stack([np.interp(np.arange(x.size), at, row) for row in np.eye(at.size)], axis=1)
@@ -189,8 +194,16 @@ def _sampled(chosen: Chosen, refined: Refined, tolerance: float) -> PressureTabl
     error, error_stokes = refined.errors + _of_orders(chosen, found.u, found.v, nodes, _NEGLIGIBLE * tolerance)
     cutoffs = Cutoffs(found.curves, *apart(found.on_curves)) if len(found.curves) else None
     return PressureTable(
-        found.u, found.v, q, absorptance, error, mirror_v=True, cutoffs=cutoffs, q_stokes=q_stokes,
-        absorptance_stokes=absorptance_stokes, error_stokes=error_stokes,
+        found.u,
+        found.v,
+        q,
+        absorptance,
+        error,
+        mirror_v=True,
+        cutoffs=cutoffs,
+        q_stokes=q_stokes,
+        absorptance_stokes=absorptance_stokes,
+        error_stokes=error_stokes,
         resonances=refined.resonances if refined.resonances.count else None,
     )
 
@@ -201,16 +214,26 @@ def _joined(found: Found) -> tuple[Chosen, PressureTable, tuple[str, ...]]:
     q, absorptance, q_stokes, absorptance_stokes = apart(found.nodes)
     cutoffs = Cutoffs(samples.curves, *apart(found.on_curves)) if len(samples.curves) else None
     table = PressureTable(
-        samples.u, samples.v, q, absorptance, found.error, mirror_v=True,
-        attrs={"between_nodes": "thick layers joined"}, cutoffs=cutoffs, q_stokes=q_stokes,
-        absorptance_stokes=absorptance_stokes, error_stokes=found.error_stokes, thick=found.thick,
+        samples.u,
+        samples.v,
+        q,
+        absorptance,
+        found.error,
+        mirror_v=True,
+        attrs={"between_nodes": "thick layers joined"},
+        cutoffs=cutoffs,
+        q_stokes=q_stokes,
+        absorptance_stokes=absorptance_stokes,
+        error_stokes=found.error_stokes,
+        thick=found.thick,
     )
     return found.chosen, table, found.reasons
 
 
 OPTIONS = {
     "--most-minutes": {
-        "type": float, "default": MOST_MINUTES,
+        "type": float,
+        "default": MOST_MINUTES,
         "help": "refuse a table that is forecast to take more CPU time (default %(default)s)",
     },
 }

@@ -76,9 +76,7 @@ class _Side(NamedTuple):
     orders: Integers
 
 
-def efficiencies(
-    stack: lamellar.Stack, u: Floats, v: Floats, order: int, negligible: float
-) -> tuple[Floats, Floats]:
+def efficiencies(stack: lamellar.Stack, u: Floats, v: Floats, order: int, negligible: float) -> tuple[Floats, Floats]:
     """As `lamellar.efficiencies`, with the fringes of the layers `stack.averaged` averaged."""
     solver = _Solver(stack, *lamellar.plane_waves(stack, u, order), v, negligible)
     layers = [*stack.patterned, *stack.behind]

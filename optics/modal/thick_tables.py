@@ -114,7 +114,9 @@ def layers_of(of: Parted, axis: str) -> Layers:
     flags = [*sides, of.patterned_behind, not front, of.patterned_behind and not back, AXES[axis]]
     return Layers(
         np.sqrt(np.array([*(layer.background for layer in layers), of.stack.back], complex)),
-        np.array([layer.thickness for layer in layers]), of.stack.pitch, of.stack.front_index,
+        np.array([layer.thickness for layer in layers]),
+        of.stack.pitch,
+        of.stack.front_index,
         np.array(flags, dtype=np.int64),
     )
 
@@ -213,6 +215,7 @@ def _around_nodes(samples: Samples, thick: Thick, errors: Floats) -> Floats:
 
 def _seen(parts: _Parts) -> Solve:
     """A few mixtures of the parts (8, n_u, n_v), enough to see the poles that all of them have."""
+
     def mixed(u: Floats, v: Floats) -> Floats:
         found = parts(u, v)
         weights = np.random.default_rng(0).standard_normal((_MIXTURES, len(found)))
@@ -272,9 +275,7 @@ def _start(chosen: Chosen, parts: _Parts, u_max: float, v_max: float, tolerance:
     return _Search(chosen, parts, samples, window)
 
 
-def find(
-    chosen: Chosen, least_nm: float, u_max: float, v_max: float, tolerance: float, most_minutes: float
-) -> Found:
+def find(chosen: Chosen, least_nm: float, u_max: float, v_max: float, tolerance: float, most_minutes: float) -> Found:
     """Directions, and orders, with which look-ups keep `tolerance`; layers of at least `least_nm` are thick.
 
     InputError where that takes longer than `most_minutes`.
@@ -311,6 +312,4 @@ def _whole(chosen: Chosen, refined: Refined, thick: Thick, reasons: tuple[str, .
     lines = np.broadcast_to(samples.v, at.shape)
     on_them[:, held] = thick.layers.join(at[held], lines[held], samples.on_curves[:, held])
     errors = _around_nodes(samples, thick, np.stack([thick.error, thick.error_stokes]))
-    return Found(
-        chosen, samples, thick, nodes.reshape(-1, *uu.shape), on_them, errors[0], errors[1], reasons
-    )
+    return Found(chosen, samples, thick, nodes.reshape(-1, *uu.shape), on_them, errors[0], errors[1], reasons)

@@ -205,9 +205,9 @@ class Chosen:
         if core:
             return core.solve_each(u, v)
         found = [self._direct(cell, u[i : i + 1], v[i : i + 1], order, negligible) for i in range(u.size)]
-        return Response(*(
-            np.concatenate([getattr(one, part.name) for one in found], axis=1) for part in fields(Response)
-        ))
+        return Response(
+            *(np.concatenate([getattr(one, part.name) for one in found], axis=1) for part in fields(Response))
+        )
 
     @property
     def settings(self) -> dict[str, int]:
@@ -299,7 +299,10 @@ def choose(
 
 
 def _orders(
-    stack: ModalCell, at: Callable[[int], Response], told: Callable[[int], Response], ladder: Sequence[int],
+    stack: ModalCell,
+    at: Callable[[int], Response],
+    told: Callable[[int], Response],
+    ladder: Sequence[int],
     tolerance: float,
 ) -> Chosen:
     """Orders of a cell, whose responses are `at`; their error is to be told from those that `told` gives."""
@@ -336,19 +339,18 @@ def _with_slices(
     what = f"modal {cell.name}: slices"
     up = climb(lambda count: best(count, ladder[1]), SLICES, _SHARE * tolerance, what)
     for count in [n for n in SLICES if n >= up.rung]:
-        found = _orders(
-            modal_cell(cell, count), partial(best, 2 * count), partial(plain, count), ladder, tolerance
-        )
+        found = _orders(modal_cell(cell, count), partial(best, 2 * count), partial(plain, count), ladder, tolerance)
         fine = best(count, found.order)
         left = _LEFT_OF_STEPS * change(best(2 * count, found.order), fine)[1]
         own, seen = change(fine, plain(count // 2, found.order))
         factor = _SAFETY * float(np.quantile(left / np.maximum(seen, _LEAST), _COVERED))
-        of_orders, _ = found.gauge.read(
-            plain(count, found.order), [plain(count, n) for n in found.gauge.coarser]
-        )
+        of_orders, _ = found.gauge.read(plain(count, found.order), [plain(count, n) for n in found.gauge.coarser])
         if np.quantile(of_orders + factor * own, _QUANTILE) <= _STATED_BOTH * tolerance:
             break
     return replace(
-        found, slices=count, half=modal_cell(cell, count // 2), slice_factor=factor,
+        found,
+        slices=count,
+        half=modal_cell(cell, count // 2),
+        slice_factor=factor,
         reasons=_why(up, "slices") + found.reasons,
     )

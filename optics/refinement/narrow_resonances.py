@@ -33,9 +33,7 @@ def _along(solve: Solve) -> Along:
     return lambda u, v: solve(u, np.array([v]))[:, :, 0]
 
 
-def _lines(
-    solve: Solve, samples: Samples, window: Window, v: Floats, lowest: float, name: str
-) -> list[LinePoles]:
+def _lines(solve: Solve, samples: Samples, window: Window, v: Floats, lowest: float, name: str) -> list[LinePoles]:
     """Poles on lines v; the rows of all are solved together."""
     nodes = solve(samples.u, v)
     return [
@@ -65,7 +63,11 @@ def are_there(scout: Solve, samples: Samples, window: Window, tolerance: float, 
 
 
 def enough_orders(
-    solver: Callable[[int], Solve], rungs: Sequence[int], samples: Samples, window: Window, tolerance: float,
+    solver: Callable[[int], Solve],
+    rungs: Sequence[int],
+    samples: Samples,
+    window: Window,
+    tolerance: float,
     name: str = "table",
 ) -> int:
     """The first rung, or the last, with which resonances on a few lines are settled to a share of the tolerance."""
@@ -88,7 +90,9 @@ def _added(samples: Samples, resonances: Resonances, sign: float) -> Samples:
         return solve(u, v) + sign * resonances.on(u[:, None], v)
 
     return replace(
-        samples, solve=changed, nodes=samples.nodes + sign * resonances.on(samples.u[:, None], samples.v),
+        samples,
+        solve=changed,
+        nodes=samples.nodes + sign * resonances.on(samples.u[:, None], samples.v),
         on_curves=samples.on_curves + sign * resonances.on(samples.curves.u(samples.v), samples.v),
     )
 
@@ -104,10 +108,12 @@ def refine_with_resonances(
     found = followed.resonances
     reasons = [
         f"a search for resonances near u = {u:.4g}, v = {line.v:.4g} did not converge ({error:.1g})"
-        for line in followed.missed for u, error in line.missed
+        for line in followed.missed
+        for u, error in line.missed
     ] + [
         f"a resonance that changes too fast with v near v = {v:.5g} to be followed, known to {error:.1g}"
-        for v, error in followed.left if error > tolerance
+        for v, error in followed.left
+        if error > tolerance
     ]
     if not found.count:
         refined = refine(samples, tolerance, measures, name)

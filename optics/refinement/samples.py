@@ -58,9 +58,16 @@ class Samples:
     def with_curves(self, curves: Curves) -> Samples:
         """More lines of nodes beside cut-offs."""
         more = on_curves(self.solve, curves, self.v, self.u[0], self.u[-1], len(self.nodes))
-        together = Curves(*(np.concatenate(pair) for pair in zip(
-            vars(self.curves).values(), vars(curves).values(), strict=True,
-        )))
+        together = Curves(
+            *(
+                np.concatenate(pair)
+                for pair in zip(
+                    vars(self.curves).values(),
+                    vars(curves).values(),
+                    strict=True,
+                )
+            )
+        )
         return replace(self, curves=together, on_curves=np.concatenate([self.on_curves, more], axis=1))
 
 

@@ -28,8 +28,10 @@ from optics.table.normal_incidence import NormalResponse
 DIRECTIONS = ("u", "v")
 _FEWEST = 4
 _TEXTS = {
-    "q": "force × c / incident power", "gradient": "slope of q over the direction cosines",
-    "q_error": "estimated absolute error of q", "gradient_error": "estimated absolute error of the slope",
+    "q": "force × c / incident power",
+    "gradient": "slope of q over the direction cosines",
+    "q_error": "estimated absolute error of q",
+    "gradient_error": "estimated absolute error of the slope",
 }
 
 
@@ -90,7 +92,8 @@ class BandResponse:
             },
             coords={
                 "wavelength": ("wavelength", self.wavelength, {"units": "m", "long_name": "wavelength in vacuum"}),
-                "component": list(COMPONENTS), "direction": list(DIRECTIONS),
+                "component": list(COMPONENTS),
+                "direction": list(DIRECTIONS),
             },
             attrs={**as_attribute(), **{key: encode(value) for key, value in self.attrs.items()}},
         )

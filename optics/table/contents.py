@@ -117,10 +117,22 @@ def contents(data: xr.Dataset) -> dict[str, Any]:
     film = from_rows(numbers("film")[0], float(data["film_p_share"])) if "film" in data else None
     thick = read_thick(numbers, cutoffs is not None, "thick_pole_v" in data) if "thick_parts" in data else None
     return {
-        "u": u, "v": v, "q_nodes": q, "absorptance_nodes": absorptance, "error": error, "mirror_v": mirror_v,
-        "axisymmetric": axisymmetric, "attrs": attrs, "cutoffs": cutoffs, "q_stokes": stokes[0],
-        "absorptance_stokes": stokes[1], "error_stokes": worst, "amplitudes": amplitudes, "resonances": resonances,
-        "film": film, "thick": thick,
+        "u": u,
+        "v": v,
+        "q_nodes": q,
+        "absorptance_nodes": absorptance,
+        "error": error,
+        "mirror_v": mirror_v,
+        "axisymmetric": axisymmetric,
+        "attrs": attrs,
+        "cutoffs": cutoffs,
+        "q_stokes": stokes[0],
+        "absorptance_stokes": stokes[1],
+        "error_stokes": worst,
+        "amplitudes": amplitudes,
+        "resonances": resonances,
+        "film": film,
+        "thick": thick,
     }
 
 

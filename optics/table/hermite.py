@@ -143,7 +143,8 @@ def _curve_runs(layout: Layout, curve: int) -> list[tuple[int, int]]:
     """First and last v node of each range over which a curve is a boundary and meets no other line."""
     runs: list[tuple[int, int]] = []
     meets = [
-        int(j) for j in layout.slab_first
+        int(j)
+        for j in layout.slab_first
         if np.sum(np.abs(layout.at[layout.lines.offset == 0.0, j] - layout.at[curve, j]) < NEAR) > 1
     ]
     for k, slab in enumerate(layout.slabs):

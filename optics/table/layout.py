@@ -96,7 +96,11 @@ def _aligned(parts: _Parts) -> Floats:
 
 
 def pack(
-    layout: Layout, values: Values, patches: list[Patches], axisymmetric: bool, nearest: bool,
+    layout: Layout,
+    values: Values,
+    patches: list[Patches],
+    axisymmetric: bool,
+    nearest: bool,
     resonances: Resonances | None = None,
 ) -> TableArrays:
     """Plain arrays of a table; `nearest`: to be looked up at its nearest node. The resonances are added to the rest."""
@@ -108,9 +112,17 @@ def pack(
     slab = np.searchsorted(layout.slab_first, np.arange(v.size - 1), side="right") - 1
     parity = np.ones(k) if values.parity is None else values.parity
     header = [
-        k, of_slabs.shape[1], numbers.add(_node_table(v)), numbers.add(lines[of_slabs]), numbers.add(parity),
-        places.add(_buckets(v, many, per_v)), many, places.add(slab),
-        _add_strips(numbers, places, layout, patches, k), values.parity is not None, layout.curved,
+        k,
+        of_slabs.shape[1],
+        numbers.add(_node_table(v)),
+        numbers.add(lines[of_slabs]),
+        numbers.add(parity),
+        places.add(_buckets(v, many, per_v)),
+        many,
+        places.add(slab),
+        _add_strips(numbers, places, layout, patches, k),
+        values.parity is not None,
+        layout.curved,
     ]
     if resonances is not None and resonances.count:
         header += [resonances.count, numbers.add(resonances.packed), resonances.v.size]

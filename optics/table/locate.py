@@ -69,8 +69,30 @@ def unpack(t: TableArrays) -> Parts:
     """Where `pack` has put the parts."""
     n, h = t.numbers, t.places
     return Parts(
-        n, h, h[0], h[1], h[2], h[3], h[4], h[5], float(h[6] - 1), h[7], h[8], h[9] != 0, h[10] != 0,
-        t.nearest, n[0], n[1], n[2], n[3], n[4], n[5], n[6], h[11], h[12], h[13],
+        n,
+        h,
+        h[0],
+        h[1],
+        h[2],
+        h[3],
+        h[4],
+        h[5],
+        float(h[6] - 1),
+        h[7],
+        h[8],
+        h[9] != 0,
+        h[10] != 0,
+        t.nearest,
+        n[0],
+        n[1],
+        n[2],
+        n[3],
+        n[4],
+        n[5],
+        n[6],
+        h[11],
+        h[12],
+        h[13],
     )
 
 
@@ -216,8 +238,17 @@ def find_place(p: Parts, u: float, v: float, root_0: float, root_1: float) -> Pl
 
 @numba.njit(cache=True, error_model="numpy", forceinline=True)
 def turning(
-    p: Parts, v: float, root_0: float, root_1: float, line: int, above: float, width: float, tau: float,
-    h: float, g: float, turned: bool,
+    p: Parts,
+    v: float,
+    root_0: float,
+    root_1: float,
+    line: int,
+    above: float,
+    width: float,
+    tau: float,
+    h: float,
+    g: float,
+    turned: bool,
 ) -> tuple[float, float, float]:
     """∂s/∂u, ∂s/∂v at fixed u, and ∂r/∂v of the place s, r in a patch; v is folded, `turned` if it was negative.
 

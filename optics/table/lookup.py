@@ -105,7 +105,9 @@ def _resonant(p: Parts, c: int, u: float, v: float, turned: bool) -> tuple[float
     """What narrow resonances add to the quantities c … c + 3, v folded; clamped to the table."""
     q = pole_values(p.n, p.pole_at, p.pole_nodes, p.poles, p.k, c, clamp(u, p.u_first, p.u_last), v)
     return (
-        q[0] * _parity(p, c, turned), q[1] * _parity(p, c + 1, turned), q[2] * _parity(p, c + 2, turned),
+        q[0] * _parity(p, c, turned),
+        q[1] * _parity(p, c + 1, turned),
+        q[2] * _parity(p, c + 2, turned),
         q[3] * _parity(p, c + 3, turned),
     )
 
@@ -181,8 +183,17 @@ def _turn_many(p: Parts, v: Floats, begin: int, size: int, f: Floats, b: Integer
     """Fifth pass, for slopes: what turns those by s and r into those by u and v."""
     for i in range(size):
         f[_S_U + i], f[_S_V + i], f[_R_V + i] = turning(
-            p, f[_V + i], f[_ROOT_0 + i], f[_ROOT_1 + i], b[_LINE + i], f[_ABOVE + i], f[_WIDTH + i], f[_TAU + i],
-            f[_H + i], f[_G + i], is_turned(p, read(v, begin + i)),
+            p,
+            f[_V + i],
+            f[_ROOT_0 + i],
+            f[_ROOT_1 + i],
+            b[_LINE + i],
+            f[_ABOVE + i],
+            f[_WIDTH + i],
+            f[_TAU + i],
+            f[_H + i],
+            f[_G + i],
+            is_turned(p, read(v, begin + i)),
         )
 
 
@@ -232,9 +243,7 @@ def _slope_many(p: Parts, v: Floats, begin: int, size: int, f: Floats, b: Intege
         s_u, s_v, r_v = f[_S_U + i], f[_S_V + i], f[_R_V + i]
         for c in range(0, p.k, 4):
             place = start + 4 * c
-            q = value_and_slopes(
-                p.n, place, row, 4 * p.k, s, h, r, g, p.parity + c, turned, s_u, s_v, r_v
-            )
+            q = value_and_slopes(p.n, place, row, 4 * p.k, s, h, r, g, p.parity + c, turned, s_u, s_v, r_v)
             _store(out[begin + i], c, q)
 
 

@@ -39,9 +39,7 @@ class NormalResponse:
 def constant_response(reflectance: float, absorptance: float) -> NormalResponse:
     """Of a mirror that reflects and absorbs fixed fractions, F = (P/c)(2R (k·n) n + a k): exact."""
     slopes = absorptance * np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
-    return NormalResponse(
-        np.array([0.0, 0.0, 2.0 * reflectance + absorptance]), slopes, np.zeros(3), np.zeros((3, 2))
-    )
+    return NormalResponse(np.array([0.0, 0.0, 2.0 * reflectance + absorptance]), slopes, np.zeros(3), np.zeros((3, 2)))
 
 
 def table_response(table: PressureTable) -> NormalResponse:
@@ -75,9 +73,7 @@ def table_response(table: PressureTable) -> NormalResponse:
         return NormalResponse(table.q(0.0, 0.0), slope * allowed, q_error, slope_error + kink)
     v = np.unique([*table.v, *-table.v]) if table.mirror_v else table.v
     kinks = np.stack([_kink(table.u, lambda u: table.q(u, 0.0)), _kink(v, lambda v: table.q(0.0, v))], axis=1)
-    return NormalResponse(
-        table.q(0.0, 0.0), table.gradient(0.0, 0.0) * ALLOWED, q_error, slope_error + kinks
-    )
+    return NormalResponse(table.q(0.0, 0.0), table.gradient(0.0, 0.0) * ALLOWED, q_error, slope_error + kinks)
 
 
 def _error_near(table: PressureTable) -> float:

@@ -114,8 +114,20 @@ def values(
 
 @intrinsic
 def value_and_slopes(
-    context: Any, n: Any, start: Any, row: Any, next_v: Any, s: Any, h: Any, r: Any, g: Any, parity: Any, turned: Any,
-    s_u: Any, s_v: Any, r_v: Any,
+    context: Any,
+    n: Any,
+    start: Any,
+    row: Any,
+    next_v: Any,
+    s: Any,
+    h: Any,
+    r: Any,
+    g: Any,
+    parity: Any,
+    turned: Any,
+    s_u: Any,
+    s_v: Any,
+    r_v: Any,
 ) -> Any:
     """As `values`, followed by their ∂u and ∂v, given ∂s/∂u, ∂s/∂v and ∂r/∂v."""
 

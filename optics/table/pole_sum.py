@@ -129,6 +129,4 @@ def sum_poles(n: Floats, poles: int, nodes: int, u: Floats, v: Floats, out: Floa
     k = out.shape[1]
     for i in range(u.size):
         for c in range(0, k, 4):
-            out[i, c], out[i, c + 1], out[i, c + 2], out[i, c + 3] = pole_values(
-                n, 0, nodes, poles, k, c, u[i], v[i]
-            )
+            out[i, c], out[i, c + 1], out[i, c + 2], out[i, c + 3] = pole_values(n, 0, nodes, poles, k, c, u[i], v[i])

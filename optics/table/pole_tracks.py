@@ -112,7 +112,8 @@ def without(values: Values, curves: Curves, resonances: Resonances) -> Values:
     """The values of a table less those of its resonances: what is interpolated."""
     u = curves.u(values.v)
     return replace(
-        values, nodes=values.nodes - resonances.on(values.u[:, None], values.v),
+        values,
+        nodes=values.nodes - resonances.on(values.u[:, None], values.v),
         on_curves=values.on_curves - resonances.on(u, values.v),
     )
 
@@ -190,7 +191,12 @@ class Followed:
 
 
 def follow(
-    find: Find, lines: list[LinePoles], window: Window, parity: Floats, leading: int, tolerance: float,
+    find: Find,
+    lines: list[LinePoles],
+    window: Window,
+    parity: Floats,
+    leading: int,
+    tolerance: float,
     name: str = "table",
 ) -> Followed:
     """Poles over v from those on `lines`; more lines until the sum is right to `tolerance` halfway between.
@@ -215,7 +221,8 @@ def follow(
         lines = sorted([*lines, *more], key=lambda line: line.v)
     resonances = join(lines, parity)
     left = tuple(
-        ((a + b) / 2, tested.get((a, b), np.inf)) for a, b in pairwise(line.v for line in lines)
+        ((a + b) / 2, tested.get((a, b), np.inf))
+        for a, b in pairwise(line.v for line in lines)
         if tested.get((a, b), np.inf) > tolerance
     )
     return Followed(resonances, left, tuple(line for line in lines if line.missed))

@@ -56,6 +56,8 @@ from optics.table.thick_membranes import STOKES as STOKES_OF_THICK
 
 SCHEMA = 2
 _UNLOCKED = {"locking": False}  # see `beamrider.io.hdf5`
+
+
 class OutsideTable(InputError):
     """A direction was asked for that the table does not hold."""
 
@@ -218,9 +220,7 @@ class PressureTable:
             raise InputError(f"table '{self.name}' holds no Stokes components")
         nodes, on_curves = _stack(q, a), np.empty((4 * len(q), 0, v.size))
         if c:
-            on_curves = _stack(*(
-                (c.q_stokes, c.absorptance_stokes) if stokes else (c.q[None], c.absorptance[None])
-            ))
+            on_curves = _stack(*((c.q_stokes, c.absorptance_stokes) if stokes else (c.q[None], c.absorptance[None])))
         if self.axisymmetric:
             v, nodes = np.array([0.0, 1.0]), np.repeat(nodes, 2, axis=2)
         parity = np.outer(STOKES_PARITY[: len(q)], PARITY).ravel()
@@ -353,12 +353,17 @@ class PressureTable:
                 name: (dims, array, {"units": "1", "long_name": text})
                 for name, (dims, array, text) in self._variables().items()
             },
-            coords={"component": list(COMPONENTS)} | ({} if self.q_stokes is None else {"stokes": list(STOKES)})
+            coords={"component": list(COMPONENTS)}
+            | ({} if self.q_stokes is None else {"stokes": list(STOKES)})
             | ({} if self.amplitudes is None else {"field": list(FIELDS)})
             | ({"property": list(PROPERTIES)} if self.film else {}),
             attrs={
-                "schema": SCHEMA, "mirror_v": int(self.mirror_v), "axisymmetric": int(self.axisymmetric),
-                "digest": self.digest, **as_attribute(), **{key: encode(value) for key, value in self.attrs.items()},
+                "schema": SCHEMA,
+                "mirror_v": int(self.mirror_v),
+                "axisymmetric": int(self.axisymmetric),
+                "digest": self.digest,
+                **as_attribute(),
+                **{key: encode(value) for key, value in self.attrs.items()},
             },
         )
         write_hdf5(path, data.to_netcdf(engine="h5netcdf"))
@@ -398,6 +403,7 @@ class PressureTable:
         if digest != str(data.attrs.get("digest")):
             raise InputError(f"{path}: it was changed after it was made (digest differs); make it again")
         return table
+
 
 def _stack(q: Floats | None, absorptance: Floats | None) -> Floats:
     """Quantities (4 s, ...) from q (s, 3, ...) and absorptance (s, ...): of one Stokes component after the other."""

@@ -90,7 +90,10 @@ def promise(table: PressureTable, tolerance: float, causes: Iterable[str] = ()) 
     i, j = np.unravel_index(int(table.error.argmax()), table.error.shape)
     at = float(table.u[i]), float(table.v[j])
     return Promise(
-        tolerance, error_at_share(table), float(table.error[i, j]), at,
+        tolerance,
+        error_at_share(table),
+        float(table.error[i, j]),
+        at,
         tuple(dict.fromkeys(causes)),
     )
 
@@ -98,10 +101,17 @@ def promise(table: PressureTable, tolerance: float, causes: Iterable[str] = ()) 
 def promised(table: PressureTable, tolerance: float, causes: Iterable[str] = ()) -> PressureTable:
     """The table with what it keeps of its promise among its attributes."""
     found = promise(table, tolerance, causes)
-    return replace(table, attrs=table.attrs | {
-        "tolerance_met": int(found.met), "error_99": found.error_99, "error_largest": found.largest,
-        "error_largest_at": list(found.at), "missed_because": found.why,
-    })
+    return replace(
+        table,
+        attrs=table.attrs
+        | {
+            "tolerance_met": int(found.met),
+            "error_99": found.error_99,
+            "error_largest": found.largest,
+            "error_largest_at": list(found.at),
+            "missed_because": found.why,
+        },
+    )
 
 
 def read_promise(table: PressureTable) -> Promise:
@@ -109,8 +119,10 @@ def read_promise(table: PressureTable) -> Promise:
     try:
         at = table.attrs["error_largest_at"]
         return Promise(
-            float(table.attrs["settings"]["tolerance"]), float(table.attrs["error_99"]),
-            float(table.attrs["error_largest"]), (float(at[0]), float(at[1])),
+            float(table.attrs["settings"]["tolerance"]),
+            float(table.attrs["error_99"]),
+            float(table.attrs["error_largest"]),
+            (float(at[0]), float(at[1])),
             tuple(filter(None, [str(table.attrs["missed_because"])])),
         )
     except (KeyError, TypeError, ValueError, IndexError):

@@ -179,7 +179,12 @@ def _once(p: Complexes, strip: NDArray[np.int64]) -> list[int]:
 
 
 def find_poles(
-    solve: Along, window: Window, rows: Floats, v: float, lowest: float, values: Floats | None = None,
+    solve: Along,
+    window: Window,
+    rows: Floats,
+    v: float,
+    lowest: float,
+    values: Floats | None = None,
     known: Complexes | None = None,
 ) -> LinePoles:
     """Narrow poles on the line v, those of heights above `lowest`.

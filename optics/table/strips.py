@@ -68,8 +68,11 @@ class Curves:
         """The curves followed by the two edges of the window."""
         far = max([v_max + 1.0, *self.index])
         return Curves(
-            np.append(self.order, [0, 0]), np.append(self.sign, [0.0, 0.0]), np.append(self.index, [far, far]),
-            np.append(self.shift, [-u_min, -u_max]), np.append(self.offset, [0.0, 0.0]),
+            np.append(self.order, [0, 0]),
+            np.append(self.sign, [0.0, 0.0]),
+            np.append(self.index, [far, far]),
+            np.append(self.shift, [-u_min, -u_max]),
+            np.append(self.offset, [0.0, 0.0]),
         )
 
 
@@ -84,7 +87,9 @@ def rayleigh_curves(pitch: float, indices: tuple[float, ...], u_min: float, u_ma
     most = int(np.ceil((max(indices) + max(abs(u_min), abs(u_max))) / pitch)) + 1
     found = [
         (m, sign, index, m * pitch)
-        for index in sorted(set(indices)) for m in range(-most, most + 1) for sign in (-1.0, 1.0)
+        for index in sorted(set(indices))
+        for m in range(-most, most + 1)
+        for sign in (-1.0, 1.0)
     ]
     if not found:
         return no_curves()

@@ -57,9 +57,7 @@ def stated(errors: Floats, u: Floats, v: Floats, at_u: Floats, at_v: Floats) -> 
     return np.max([errors[:, i + a, j + b] for a in (0, 1) for b in (0, 1)], axis=0)
 
 
-def cover(
-    errors: Floats, u: Floats, v: Floats, at_u: Floats, at_v: Floats, truth: Floats, least: float
-) -> Floats:
+def cover(errors: Floats, u: Floats, v: Floats, at_u: Floats, at_v: Floats, truth: Floats, least: float) -> Floats:
     """Errors (m, n_u, n_v) scaled until they cover the true ones (m, n) found at random directions (n), then raised.
 
     Where they are larger than all true ones by far they are scaled down; none is less than `least`.
@@ -72,9 +70,7 @@ def cover(
     left = truth - stated(errors, u, v, at_u, at_v)
     reach = (u[-1] - u[0]) / _IN_U / 2, v[-1] / _IN_V / 8
     for p in np.flatnonzero((left > 0).any(axis=0)):
-        part = (
-            _around(u, at_u[p] - reach[0], at_u[p] + reach[0]), _around(v, at_v[p] - reach[1], at_v[p] + reach[1])
-        )
+        part = (_around(u, at_u[p] - reach[0], at_u[p] + reach[0]), _around(v, at_v[p] - reach[1], at_v[p] + reach[1]))
         errors[:, part[0], part[1]] = np.maximum(errors[:, part[0], part[1]], truth[:, p, None, None])
     return errors
 

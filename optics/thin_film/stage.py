@@ -65,10 +65,14 @@ def _respond(index: Complexes, depth: Floats, coherent: Integers, s: Floats, sha
     shape = np.broadcast_shapes(index.shape[:-1], depth.shape[:-1], s.shape, share.shape)
     out = np.empty((3, math.prod(shape)))
     transfer.respond_many(
-        np.ascontiguousarray(index).reshape(-1, index.shape[-1]), _rows(index.shape[:-1], shape),
-        np.ascontiguousarray(depth).reshape(-1, depth.shape[-1]), _rows(depth.shape[:-1], shape),
-        np.ascontiguousarray(coherent), np.ascontiguousarray(np.broadcast_to(s, shape)).ravel(),
-        np.ascontiguousarray(np.broadcast_to(share, shape)).ravel(), out,
+        np.ascontiguousarray(index).reshape(-1, index.shape[-1]),
+        _rows(index.shape[:-1], shape),
+        np.ascontiguousarray(depth).reshape(-1, depth.shape[-1]),
+        _rows(depth.shape[:-1], shape),
+        np.ascontiguousarray(coherent),
+        np.ascontiguousarray(np.broadcast_to(s, shape)).ravel(),
+        np.ascontiguousarray(np.broadcast_to(share, shape)).ravel(),
+        out,
     )
     return out.reshape(3, *shape)
 
@@ -78,9 +82,12 @@ def _reflect(index: Complexes, depth: Floats, s: Floats) -> Complexes:
     shape = np.broadcast_shapes(index.shape[:-1], depth.shape[:-1], s.shape)
     out = np.empty((2, math.prod(shape)), complex)
     transfer.reflect_many(
-        np.ascontiguousarray(index).reshape(-1, index.shape[-1]), _rows(index.shape[:-1], shape),
-        np.ascontiguousarray(depth).reshape(-1, depth.shape[-1]), _rows(depth.shape[:-1], shape),
-        np.ascontiguousarray(np.broadcast_to(s, shape)).ravel(), out,
+        np.ascontiguousarray(index).reshape(-1, index.shape[-1]),
+        _rows(index.shape[:-1], shape),
+        np.ascontiguousarray(depth).reshape(-1, depth.shape[-1]),
+        _rows(depth.shape[:-1], shape),
+        np.ascontiguousarray(np.broadcast_to(s, shape)).ravel(),
+        out,
     )
     return out.reshape(2, *shape)
 
@@ -100,7 +107,11 @@ def _check(index: Complexes, thickness: Floats, wavelength: Floats, s: Floats) -
 
 
 def stack(
-    index: ArrayLike, thickness: ArrayLike, wavelength: ArrayLike, s: ArrayLike, p_share: ArrayLike = 0.5,
+    index: ArrayLike,
+    thickness: ArrayLike,
+    wavelength: ArrayLike,
+    s: ArrayLike,
+    p_share: ArrayLike = 0.5,
     coherent: ArrayLike = True,
 ) -> FilmResponse:
     """Response (...) of any stack of layers; all arguments broadcast, the first two on the axes before their last.
@@ -136,8 +147,15 @@ def amplitudes(
 
 
 def momentum(
-    index: ArrayLike, thickness: ArrayLike, wavelength: ArrayLike, u: ArrayLike, v: ArrayLike,
-    *, p_share: ArrayLike = 0.5, coherent: ArrayLike = True, from_back: bool = False,
+    index: ArrayLike,
+    thickness: ArrayLike,
+    wavelength: ArrayLike,
+    u: ArrayLike,
+    v: ArrayLike,
+    *,
+    p_share: ArrayLike = 0.5,
+    coherent: ArrayLike = True,
+    from_back: bool = False,
 ) -> tuple[Floats, FilmResponse]:
     """Pressure coefficients q (..., 3) in (g, r, n) of a film tilted any way, and the response they follow from.
 
@@ -183,7 +201,9 @@ def film(cell: ThinFilm) -> Film:
     """The cell for look-ups."""
     index, thickness, wavelength = _arrays(cell)
     return Film(
-        np.asarray(index, complex), 2 * np.pi * thickness / wavelength, _coherent(cell).astype(np.int64),
+        np.asarray(index, complex),
+        2 * np.pi * thickness / wavelength,
+        _coherent(cell).astype(np.int64),
         P_SHARE[cell.polarisation],
     )
 
@@ -241,17 +261,29 @@ def make_table(cell: ThinFilm, s_max: float, tolerance: float) -> PressureTable:
     values, light = response(s).T[..., None], solve(cell, s)
     rounding = fringes(own, s).rounding
     attrs = {
-        "name": cell.name, "solver": "thin_film", "cell": cell.model_dump(), "wavelength_m": cell.wavelength_nm * 1e-9,
-        "settings": {"s_max": s_max, "tolerance": tolerance}, "cutoffs": [],
+        "name": cell.name,
+        "solver": "thin_film",
+        "cell": cell.model_dump(),
+        "wavelength_m": cell.wavelength_nm * 1e-9,
+        "settings": {"s_max": s_max, "tolerance": tolerance},
+        "cutoffs": [],
         "between_nodes": "interpolated" if sampled else "the stack solved",
-        "energy_imbalance": float(np.abs(light.imbalance).max()), "cpu_seconds": watch.cpu_seconds,
+        "energy_imbalance": float(np.abs(light.imbalance).max()),
+        "cpu_seconds": watch.cpu_seconds,
         "versions": versions("numpy", "scipy"),
     }
     # Closed form: what error there is comes from interpolation and rounding.
     error = rounding + (error if sampled else 0.0)
     table = PressureTable(
-        s, np.zeros(1), values[:3], values[3], error[:, None], axisymmetric=True, attrs=attrs,
-        amplitudes=values[4:] if len(values) > 4 else None, film=None if sampled else own,
+        s,
+        np.zeros(1),
+        values[:3],
+        values[3],
+        error[:, None],
+        axisymmetric=True,
+        attrs=attrs,
+        amplitudes=values[4:] if len(values) > 4 else None,
+        film=None if sampled else own,
     )
     return promised(table, tolerance, ["rounding"])
 

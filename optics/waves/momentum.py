@@ -14,8 +14,16 @@ from beamrider.arrays import Complexes, Floats
 
 
 def pressure(
-    u: Floats | float, v: Floats | float, w: Floats | float, *, u_m: Floats, w_front: Complexes, w_back: Complexes,
-    reflected: Floats, transmitted: Floats, light: Floats | float = 1.0,
+    u: Floats | float,
+    v: Floats | float,
+    w: Floats | float,
+    *,
+    u_m: Floats,
+    w_front: Complexes,
+    w_back: Complexes,
+    reflected: Floats,
+    transmitted: Floats,
+    light: Floats | float = 1.0,
 ) -> tuple[Floats, Floats]:
     """Pressure coefficients q (..., 3) in (g, r, n) and absorptance (...).
 

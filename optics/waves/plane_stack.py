@@ -203,9 +203,7 @@ def _averaged(index: Complexes, depth: Floats, coherent: Integers, s: float, p: 
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def response(
-    index: Complexes, depth: Floats, coherent: Integers, s: float, share: float
-) -> tuple[float, float, float]:
+def response(index: Complexes, depth: Floats, coherent: Integers, s: float, share: float) -> tuple[float, float, float]:
     """R, T, A of a stack: media (m,), depths k₀d (m − 2,), 1 for coherent layers, else 0 (m − 2,); share of p."""
     if coherent.sum() == coherent.size:
         of_s, of_p = _carried(index, depth, 0, depth.size + 1, s, share < 1, share > 0)
@@ -227,9 +225,7 @@ def reflected(index: Complexes, depth: Floats, s: float) -> tuple[complex, compl
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def pressure(
-    index: Complexes, depth: Floats, coherent: Integers, s: float, share: float
-) -> tuple[float, float, float]:
+def pressure(index: Complexes, depth: Floats, coherent: Integers, s: float, share: float) -> tuple[float, float, float]:
     """Q along k_t, q along n, and absorptance of light from the front; index (n + 2,), depth and coherent (n,).
 
     Momentum balance with the specular orders alone: A s along, w(1 + R) − w' T across (`optics.waves.momentum`). Light
@@ -245,8 +241,14 @@ def pressure(
 
 @njit(cache=True, error_model="numpy")
 def respond_many(
-    index: Complexes, of_index: Integers, depth: Floats, of_depth: Integers, coherent: Integers, s: Floats,
-    share: Floats, out: Floats,
+    index: Complexes,
+    of_index: Integers,
+    depth: Floats,
+    of_depth: Integers,
+    coherent: Integers,
+    s: Floats,
+    share: Floats,
+    out: Floats,
 ) -> None:
     """Out (3, n) = `response` for n directions: of stack index[of_index], depth[of_depth], at s, share (n,)."""
     for i in range(s.size):

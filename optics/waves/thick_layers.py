@@ -52,8 +52,20 @@ def setup(numbers: Floats, flags: Integers) -> Setup:
     """From numbers (n,): pitch, front, index as Re and Im, depth; and flags (m,): how many media, then as `Setup`."""
     m = flags[0]
     return Setup(
-        numbers[0], numbers[1], numbers[2 : 2 + 2 * m].view(np.complex128), numbers[2 + 2 * m : 1 + 3 * m], flags[1],
-        flags[2], flags[3], flags[4], flags[5], flags[6], flags[7] != 0, flags[8] != 0, flags[9] != 0, flags[10],
+        numbers[0],
+        numbers[1],
+        numbers[2 : 2 + 2 * m].view(np.complex128),
+        numbers[2 + 2 * m : 1 + 3 * m],
+        flags[1],
+        flags[2],
+        flags[3],
+        flags[4],
+        flags[5],
+        flags[6],
+        flags[7] != 0,
+        flags[8] != 0,
+        flags[9] != 0,
+        flags[10],
     )
 
 

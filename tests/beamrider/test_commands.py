@@ -18,13 +18,18 @@ GRATING, FILM = (str(ROOT / f"workflow/designs/{name}.yaml") for name in ("mark1
 @pytest.mark.parametrize(
     ("words", "program"),
     [
-        (["table", "--cell", GRATING], "optics.modal"), (["table", f"--cell={FILM}"], "optics.thin_film"),
-        (["table", "--cell", "none.yaml"], "optics.modal"), (["table", "--help"], "optics.modal"),
+        (["table", "--cell", GRATING], "optics.modal"),
+        (["table", f"--cell={FILM}"], "optics.thin_film"),
+        (["table", "--cell", "none.yaml"], "optics.modal"),
+        (["table", "--help"], "optics.modal"),
         (["table", "--cell", GRATING, "--solver", "fdtd"], "optics.fdtd"),
         (["table", "--solver=modal"], "optics.modal"),
-        (["fly", "--out", "f.h5"], "dynamics.rigid"), (["fly", "--out=f.vtkhdf"], "dynamics.membrane"),
-        (["fly", "--out", "f.vtkhdf", "--rigid"], "dynamics.rigid"), (["fly", "--flexible"], "dynamics.membrane"),
-        (["fly", "--out", "f", "--flexible"], "dynamics.membrane"), (["fly"], "dynamics.rigid"),
+        (["fly", "--out", "f.h5"], "dynamics.rigid"),
+        (["fly", "--out=f.vtkhdf"], "dynamics.membrane"),
+        (["fly", "--out", "f.vtkhdf", "--rigid"], "dynamics.rigid"),
+        (["fly", "--flexible"], "dynamics.membrane"),
+        (["fly", "--out", "f", "--flexible"], "dynamics.membrane"),
+        (["fly"], "dynamics.rigid"),
         (["stability", "--rigid"], "dynamics.floquet"),
     ],
 )
@@ -38,10 +43,12 @@ def test_names_kinds_and_endings_choose_the_program(words, program):
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (["flyy"], r"no command 'flyy'; did you mean 'fly'\?"), (["fly", "--out", "f.hdf"], "--out = f.hdf: must end"),
+        (["flyy"], r"no command 'flyy'; did you mean 'fly'\?"),
+        (["fly", "--out", "f.hdf"], "--out = f.hdf: must end"),
         (["fly", "--rigid", "--flexible"], "--rigid, --flexible: must be one"),
         (["table", "--solver", "meep"], "--solver = meep: must be one of modal, fdtd, thin_film"),
-        (["table", "--solver"], "--solver: must have a value"), (["--out"], "no command '--out'"),
+        (["table", "--solver"], "--solver: must have a value"),
+        (["--out"], "no command '--out'"),
     ],
 )
 def test_what_names_no_program_is_refused(words, why, capsys, monkeypatch):

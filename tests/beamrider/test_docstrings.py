@@ -36,7 +36,9 @@ def silent(function: ast.FunctionDef) -> bool:
 def test_docstrings_tell_shapes():
     found = [
         f"{path.relative_to(ROOT)}:{function.lineno}: {function.name}"
-        for package in ("beamrider", "optics", "dynamics") for path in sorted((ROOT / package).rglob("*.py"))
-        for function in functions(ast.parse(path.read_text(encoding="utf-8")).body) if silent(function)
+        for package in ("beamrider", "optics", "dynamics")
+        for path in sorted((ROOT / package).rglob("*.py"))
+        for function in functions(ast.parse(path.read_text(encoding="utf-8")).body)
+        if silent(function)
     ]
     assert found == []

@@ -22,35 +22,106 @@ CELLS = {"index": {"table": [[1000.0, 2.1, 0.0], [1100.0, 2.0, 1e-6]]}}
 #: Files that the shipped ones leave out: keys and kinds that none of them has.
 MORE: dict[str, list[dict[str, Any]]] = {
     "cell": [
-        {"kind": "metagrating", "name": "a", "wavelength_nm": 1064, "electric_axis": "g", "period_nm": 1500,
-         "ridges_nm": [[0, 500]], "ridge_height_nm": 400, "membrane_nm": 2000, "membrane_coherent": False, **CELLS},
-        {"kind": "lamellar", "name": "b", "wavelength_nm": 1064, "electric_axis": "r", "period_nm": 1500, "layers": [
-            {"thickness_nm": 100, "index": {"n": 1.5}, "ridges": [{"start_nm": 0, "width_nm": 10, "index": {"n": 2}}]},
-            {"thickness_nm": 900, "index": {"n": 1.5}, "coherent": False},
-        ], "surroundings": {"front": 1, "back": 1.5, "back_k": 0.1}},
-        {"kind": "profile", "name": "c", "wavelength_nm": 1064, "electric_axis": "r", "period_nm": 1500,
-         "depth_nm": 400, "polygons": [{"vertices_nm": [[0, 0], [500, 0], [500, 400]], **CELLS}]},
+        {
+            "kind": "metagrating",
+            "name": "a",
+            "wavelength_nm": 1064,
+            "electric_axis": "g",
+            "period_nm": 1500,
+            "ridges_nm": [[0, 500]],
+            "ridge_height_nm": 400,
+            "membrane_nm": 2000,
+            "membrane_coherent": False,
+            **CELLS,
+        },
+        {
+            "kind": "lamellar",
+            "name": "b",
+            "wavelength_nm": 1064,
+            "electric_axis": "r",
+            "period_nm": 1500,
+            "layers": [
+                {
+                    "thickness_nm": 100,
+                    "index": {"n": 1.5},
+                    "ridges": [{"start_nm": 0, "width_nm": 10, "index": {"n": 2}}],
+                },
+                {"thickness_nm": 900, "index": {"n": 1.5}, "coherent": False},
+            ],
+            "surroundings": {"front": 1, "back": 1.5, "back_k": 0.1},
+        },
+        {
+            "kind": "profile",
+            "name": "c",
+            "wavelength_nm": 1064,
+            "electric_axis": "r",
+            "period_nm": 1500,
+            "depth_nm": 400,
+            "polygons": [{"vertices_nm": [[0, 0], [500, 0], [500, 400]], **CELLS}],
+        },
     ],
     "scene": [
-        {"name": "all", "description": "", "sail": {
-            "profile": "sphere", "depth": -0.5, "radius_m": 1, "rings": 4, "outline": "square", "sectors": [
-                {"from_deg": 0, "reflectance": 0.5, "g": "radial", "material": {
-                    "thickness_m": 1e-7, "density_kg_m3": 2700, "young_Pa": 270e9, "poisson": 0.27,
-                    "strength_Pa": 6.4e9, "conductivity_W_mK": 3, "heat_capacity_J_kgK": 800, "expansion_1_K": 2.3e-6,
-                    "emissivity_front": 0.1, "emissivity_back": 0.1, "absorptance": 1e-5,
-                    "failure_temperature_K": 1600, "with_temperature": {"absorptance": [[300, 1e-5], [900, 1e-4]]},
-                }},
-                {"from_deg": 180, "design": "d", "material": "nitride_te", "membrane_m": 2e-7},
-            ],
-            "rim": {"from_m": 0.9, "sectors": [{"from_deg": 0, "design": "d", "material": "nitride_te"}]},
-            "grid": {"x_m": [0], "y_m": [], "regions": [[None, {"design": "d", "material": "nitride_tm"}]]},
-        }, "beam": {"intensity_W_m2": 1e9, "radius_m": 0.4, "polarisation": "turning", "polarisation_Hz": 1},
-         "effects": {"light": True}, "flight": {"on_failure": "remove", "broken_fraction": 0.5}},
+        {
+            "name": "all",
+            "description": "",
+            "sail": {
+                "profile": "sphere",
+                "depth": -0.5,
+                "radius_m": 1,
+                "rings": 4,
+                "outline": "square",
+                "sectors": [
+                    {
+                        "from_deg": 0,
+                        "reflectance": 0.5,
+                        "g": "radial",
+                        "material": {
+                            "thickness_m": 1e-7,
+                            "density_kg_m3": 2700,
+                            "young_Pa": 270e9,
+                            "poisson": 0.27,
+                            "strength_Pa": 6.4e9,
+                            "conductivity_W_mK": 3,
+                            "heat_capacity_J_kgK": 800,
+                            "expansion_1_K": 2.3e-6,
+                            "emissivity_front": 0.1,
+                            "emissivity_back": 0.1,
+                            "absorptance": 1e-5,
+                            "failure_temperature_K": 1600,
+                            "with_temperature": {"absorptance": [[300, 1e-5], [900, 1e-4]]},
+                        },
+                    },
+                    {"from_deg": 180, "design": "d", "material": "nitride_te", "membrane_m": 2e-7},
+                ],
+                "rim": {"from_m": 0.9, "sectors": [{"from_deg": 0, "design": "d", "material": "nitride_te"}]},
+                "grid": {"x_m": [0], "y_m": [], "regions": [[None, {"design": "d", "material": "nitride_tm"}]]},
+            },
+            "beam": {"intensity_W_m2": 1e9, "radius_m": 0.4, "polarisation": "turning", "polarisation_Hz": 1},
+            "effects": {"light": True},
+            "flight": {"on_failure": "remove", "broken_fraction": 0.5},
+        },
     ],
     "grid": [{}, {"offsets_m": [0, 0.2], "n_offsets": 5, "tilts_deg": [-1, 1], "limit_m": 1}],
 }
 OTHERS: list[Any] = [
-    None, True, "text", -1, 0, 1, 1.5, 1e40, -1e40, 10**13, 1e-40, 1e4, [], [1], [1, 2, 3], {}, {"n": 1}, "auto",
+    None,
+    True,
+    "text",
+    -1,
+    0,
+    1,
+    1.5,
+    1e40,
+    -1e40,
+    10**13,
+    1e-40,
+    1e4,
+    [],
+    [1],
+    [1, 2, 3],
+    {},
+    {"n": 1},
+    "auto",
 ]
 
 
@@ -144,7 +215,12 @@ def test_every_key_says_what_it_means_and_is_measured_in(name):
 
 def test_units_and_descriptions_come_from_the_source():
     assert [unit_of(key) for key in ("period_nm", "intensity_W_m2", "expansion_1_K", "m", "rings", "back_k")] == [
-        "nm", "W/m²", "1/K", None, None, None,
+        "nm",
+        "W/m²",
+        "1/K",
+        None,
+        None,
+        None,
     ]
     texts = descriptions(KINDS["metagrating"])
     assert texts["period_nm"] == "Period along g."  # of the class that it inherits from

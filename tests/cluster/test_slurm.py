@@ -158,15 +158,27 @@ def test_what_is_lacking_is_said_in_one_line(cluster, tmp_path):
 
 
 SMALL = {
-    "designs": [], "fdtd": True, "fdtd_designs": ["mark1e_te"], "block_minutes": 2.0, "fdtd_tolerance": 0.5,
+    "designs": [],
+    "fdtd": True,
+    "fdtd_designs": ["mark1e_te"],
+    "block_minutes": 2.0,
+    "fdtd_tolerance": 0.5,
     "modal": {"u_max": 0.2, "v_max": 0.2, "tolerance": 0.05},
     "fdtd_grid": {"u_max": 0.05, "v_max": 0.05, "tolerance": 0.3},
-    "floquet": ["small"], "maps": [], "rigid": ["small"], "flight": ["small"], "basins": [],
+    "floquet": ["small"],
+    "maps": [],
+    "rigid": ["small"],
+    "flight": ["small"],
+    "basins": [],
 }
 TARGETS = [
-    "results/tables/mark1e_te/modal.h5", "results/tables/mark1e_tm/modal.h5",
-    "results/tables/mark1e_te/fdtd/nodes.json", "results/tables/mark1e_te/fdtd.h5",
-    "results/scenes/small/floquet.json", "results/scenes/small/rigid.h5", "results/scenes/small/flight.vtkhdf",
+    "results/tables/mark1e_te/modal.h5",
+    "results/tables/mark1e_tm/modal.h5",
+    "results/tables/mark1e_te/fdtd/nodes.json",
+    "results/tables/mark1e_te/fdtd.h5",
+    "results/scenes/small/floquet.json",
+    "results/scenes/small/rigid.h5",
+    "results/scenes/small/flight.vtkhdf",
 ]
 
 

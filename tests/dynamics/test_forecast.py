@@ -59,10 +59,14 @@ def test_nodes_and_triangles_are_those_of_the_mesh(outline, profile):
     assert (forecast.nodes(sail), forecast.triangles(sail)) == (len(mesh.nodes), len(mesh.triangles))
 
 
-@pytest.mark.parametrize(("rings", "flight"), [
-    (100, {}), (100, {"stiffness": "lattice"}),
-    (50, {"integrator": "corotating", "optics_every": 1, "heat_every": 1}),
-])
+@pytest.mark.parametrize(
+    ("rings", "flight"),
+    [
+        (100, {}),
+        (100, {"stiffness": "lattice"}),
+        (50, {"integrator": "corotating", "optics_every": 1, "heat_every": 1}),
+    ],
+)
 def test_memory_is_what_a_process_takes_at_most(rings, flight):
     """Within the margin with which `beamrider.io.resources` refuses."""
     command = [sys.executable, "-c", PEAK, str(rings), repr(flight)]
@@ -96,26 +100,55 @@ def said(scene: Scene, stage: str, tmp_path: Path) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize(("stage", "changes", "line"), [
-    ("membrane", {"sail": {"rings": 1000}},
-     r"fig6.yaml: sail.rings = 1000: would take 20.3 GB of memory, or up to 24.4 GB; this machine has 8 GB free; "
-     r"take at most \d+ rings, which fit"),
-    ("membrane", {"flight": {"duration_s": 1e9}},
-     r"fig6.yaml: flight.duration_s = 1e\+09: would write 27.* PB; the disk of .* has 100 GB free; fly for a shorter "
-     "time, or raise flight.snapshot_every_s = 0.001 and flight.series_every = 8"),
-    ("membrane", {"flight": {"duration_s": 1e9, "snapshot_every_s": 1e9, "series_every": 10**12}},
-     r"fig6.yaml: flight.duration_s = 1e\+09: would take .* days on this machine \(1.*e\+14 steps\), more than the 30 "
-     "days allowed; fly for a shorter time"),
-    ("membrane", {"flight": {"duration_s": 1e3, "snapshot_every_s": 1e9, "series_every": 10}},
-     r"fig6.yaml: flight.duration_s = 1000: would (take|write) .*"),
-    ("membrane", {"sail": {"sectors": film(damping_s=1e3)}}, r"fig6.yaml: flight.duration_s = 0.25: would .*"),
-    ("rigid", {"rigid": {"duration_s": 1e9}},
-     r"fig6.yaml: rigid.duration_s = 1e\+09: would take 1.8 PB of memory, or up to 2.16 PB; this machine has 8 GB "
-     r"free; fly for a shorter time, or lower rigid.output_Hz = 2000"),
-    ("rigid", {"rigid": {"duration_s": 1e5}}, r"fig6.yaml: rigid.duration_s = 100000: would take 180 GB of memory, .*"),
-    ("rigid", {"rigid": {"duration_s": 1e9, "output_Hz": 1e-9, "most_steps": 10**12}},
-     r"fig6.yaml: rigid.(duration_s = 1e\+09|most_steps = 1000000000000): would take .* (days|years) on this .*"),
-])
+@pytest.mark.parametrize(
+    ("stage", "changes", "line"),
+    [
+        (
+            "membrane",
+            {"sail": {"rings": 1000}},
+            r"fig6.yaml: sail.rings = 1000: would take 20.3 GB of memory, or up to 24.4 GB; "
+            "this machine has 8 GB free; "
+            r"take at most \d+ rings, which fit",
+        ),
+        (
+            "membrane",
+            {"flight": {"duration_s": 1e9}},
+            r"fig6.yaml: flight.duration_s = 1e\+09: would write 27.* PB; the disk of .* has 100 GB free; "
+            "fly for a shorter "
+            "time, or raise flight.snapshot_every_s = 0.001 and flight.series_every = 8",
+        ),
+        (
+            "membrane",
+            {"flight": {"duration_s": 1e9, "snapshot_every_s": 1e9, "series_every": 10**12}},
+            r"fig6.yaml: flight.duration_s = 1e\+09: would take .* days on this machine \(1.*e\+14 steps\), "
+            "more than the 30 "
+            "days allowed; fly for a shorter time",
+        ),
+        (
+            "membrane",
+            {"flight": {"duration_s": 1e3, "snapshot_every_s": 1e9, "series_every": 10}},
+            r"fig6.yaml: flight.duration_s = 1000: would (take|write) .*",
+        ),
+        ("membrane", {"sail": {"sectors": film(damping_s=1e3)}}, r"fig6.yaml: flight.duration_s = 0.25: would .*"),
+        (
+            "rigid",
+            {"rigid": {"duration_s": 1e9}},
+            r"fig6.yaml: rigid.duration_s = 1e\+09: would take 1.8 PB of memory, or up to 2.16 PB; "
+            "this machine has 8 GB "
+            r"free; fly for a shorter time, or lower rigid.output_Hz = 2000",
+        ),
+        (
+            "rigid",
+            {"rigid": {"duration_s": 1e5}},
+            r"fig6.yaml: rigid.duration_s = 100000: would take 180 GB of memory, .*",
+        ),
+        (
+            "rigid",
+            {"rigid": {"duration_s": 1e9, "output_Hz": 1e-9, "most_steps": 10**12}},
+            r"fig6.yaml: rigid.(duration_s = 1e\+09|most_steps = 1000000000000): would take .* (days|years) on this .*",
+        ),
+    ],
+)
 def test_what_cannot_be_flown_is_refused_before_it_starts(stage, changes, line, tmp_path, monkeypatch):
     monkeypatch.setattr(machine, "available_memory", lambda: 8 * GIGA)
     monkeypatch.setattr(flexible, "available_memory", lambda: 8 * GIGA)
@@ -204,9 +237,17 @@ def test_memory_of_the_machine_of_its_groups_and_of_the_process(tmp_path, monkey
     assert machine.available_memory(tmp_path) == 1024
 
 
-@pytest.mark.parametrize(("seconds", "words"), [
-    (0.123, "0.12 s"), (59.0, "59 s"), (600.0, "10 min"), (7300.0, "2 h"), (3e5, "3.5 days"), (1e9, "31.7 years"),
-])
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (0.123, "0.12 s"),
+        (59.0, "59 s"),
+        (600.0, "10 min"),
+        (7300.0, "2 h"),
+        (3e5, "3.5 days"),
+        (1e9, "31.7 years"),
+    ],
+)
 def test_times_in_words(seconds, words):
     assert machine.in_words(seconds) == words
 

@@ -67,6 +67,7 @@ def column(row: np.ndarray, name: str) -> np.ndarray:
 
 # A film as a grating: q_g, q_r and q_n each have their direction and sign
 
+
 @pytest.mark.parametrize("pose", POSES)
 def test_a_rigid_specular_film_as_a_grating_is_the_film_of_constant_reflectance(pose: tuple[float, float, float]):
     turn, place = rotation_from_angles(*pose), np.array([0.05, -0.03, 0.2])
@@ -94,13 +95,19 @@ def test_a_flexible_specular_film_as_a_grating_is_the_film_of_constant_reflectan
 
 # Light from behind
 
+
 def plain_film_table() -> dict[str, PressureTable]:
     """The same film as an axisymmetric table over the sine of incidence."""
     s = np.concatenate([np.linspace(0.0, 0.9, 91), np.linspace(0.905, 0.999, 95)])
     q = np.stack([ABSORPTANCE * s, 0.0 * s, (2.0 * REFLECTANCE + ABSORPTANCE) * np.sqrt(1.0 - s**2)])
     table = PressureTable(
-        s, np.zeros(1), q[..., None], np.full((s.size, 1), ABSORPTANCE), np.full((s.size, 1), 1e-6),
-        axisymmetric=True, attrs={"name": "specular"},
+        s,
+        np.zeros(1),
+        q[..., None],
+        np.full((s.size, 1), ABSORPTANCE),
+        np.full((s.size, 1), 1e-6),
+        axisymmetric=True,
+        attrs={"name": "specular"},
     )
     return {"specular": table}
 
@@ -172,6 +179,7 @@ def test_a_film_s_table_is_the_constant_film_from_both_sides_in_both_models(
 
 # Choices of the scene
 
+
 @pytest.mark.parametrize("pose", POSES[1:])
 def test_the_published_beam_distance_adds_the_axial_coordinate(pose: tuple[float, float, float]):
     """F = (1/c) ∫ I |w| (2R w n + a k) dA with I at √(ρ² + ζ²), ζ the height above the centre of mass."""
@@ -216,8 +224,12 @@ def test_absorptance_of_the_table_heats_by_the_table_and_leaves_the_force_alone(
 
 def test_without_light_the_sail_ends_at_the_temperature_of_its_surroundings():
     scene = dark(
-        sail={"sectors": film()}, flight={
-            "duration_s": 5e-3, "thermal_rate": 1000.0, "heat_every": 1, "background_temperature_K": 500.0,
+        sail={"sectors": film()},
+        flight={
+            "duration_s": 5e-3,
+            "thermal_rate": 1000.0,
+            "heat_every": 1,
+            "background_temperature_K": 500.0,
         },
     )
     flight, end, series = fly(scene, {})

@@ -35,7 +35,9 @@ def shining(radius: float, rings: int, **groups) -> Scene:
 def test_a_mesh_that_starts_catches_the_power_of_the_beam(tmp_path):
     for rings, radius in ((30, 0.05), (5, 0.2), (2, 0.4)):
         _, row = lit(
-            tmp_path / str(rings), rings=rings, beam={"radius_m": radius, "intensity_W_m2": 1e9},
+            tmp_path / str(rings),
+            rings=rings,
+            beam={"radius_m": radius, "intensity_W_m2": 1e9},
             sail={**MIRROR, "rotation_deg": 10.0},
         )
         # Of a narrow beam all of it, of a wide one what falls on the polygon: between its inner and its outer circle
@@ -46,17 +48,21 @@ def test_a_mesh_that_starts_catches_the_power_of_the_beam(tmp_path):
 
 
 # On the regular triangles of a hexagon the sum is that of the integral while the beam is wider than they are
-@pytest.mark.parametrize(("outline", "rings", "radius"), [
-    *((outline, 30, 0.02) for outline in ("round", "square")),
-    *((outline, *of) for outline in ("round", "square", "hexagonal") for of in ((30, 0.005), (5, 0.05), (1, 1.0))),
-])
+@pytest.mark.parametrize(
+    ("outline", "rings", "radius"),
+    [
+        *((outline, 30, 0.02) for outline in ("round", "square")),
+        *((outline, *of) for outline in ("round", "square", "hexagonal") for of in ((30, 0.005), (5, 0.05), (1, 1.0))),
+    ],
+)
 def test_a_mesh_that_would_lose_light_is_refused_and_the_rings_it_takes_do(outline, rings, radius):
     scene = shining(radius, rings, sail={"outline": outline})
     with pytest.raises(InputError) as refusal:
         check_light(scene, sail_mesh(scene.sail))
     found = re.fullmatch(
         r"fig6\.yaml: sail\.rings = (\d+): triangles of \S+ m would get \S+ % of the light of a beam of \S+ m wrong: "
-        r"must be at least (\d+), or widen beam\.radius_m", str(refusal.value),
+        r"must be at least (\d+), or widen beam\.radius_m",
+        str(refusal.value),
     )
     assert found
     assert int(found[1]) == rings

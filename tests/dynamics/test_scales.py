@@ -28,8 +28,12 @@ def large(**groups) -> Scene:
     """A sail of ten metres, released a metre and a half off the axis of a beam of four."""
     release = {"offset_m": [1.5, 0.0], "pitch_deg": 0.0, "roll_deg": 0.0, "spin_Hz": 1.0, **groups.pop("release", {})}
     scene = small(
-        rings=6, sail={"radius_m": 5.0, "sectors": film(thickness_m=43e-9, reflectance=0.3)}, beam={"radius_m": 4.0},
-        release=release, rigid={"duration_s": 0.01}, flight={"duration_s": 5e-4},
+        rings=6,
+        sail={"radius_m": 5.0, "sectors": film(thickness_m=43e-9, reflectance=0.3)},
+        beam={"radius_m": 4.0},
+        release=release,
+        rigid={"duration_s": 0.01},
+        flight={"duration_s": 5e-4},
     )
     return altered(scene, **groups)
 

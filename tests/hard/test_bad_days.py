@@ -39,9 +39,17 @@ from tests.processes import error, fork, full_at, run
 
 ROOT = Path(__file__).parents[2]
 FIG6 = scenes.read_scene(ROOT / "workflow/scenes/fig6.yaml")
-SHORT = altered(FIG6, sail={"rings": 3}, rigid={"duration_s": 0.05}, flight={
-    "duration_s": 1e-3, "spin_up_s": 1e-4, "snapshot_every_s": 1e-4, "checkpoint_every_s": 1e-9,
-})
+SHORT = altered(
+    FIG6,
+    sail={"rings": 3},
+    rigid={"duration_s": 0.05},
+    flight={
+        "duration_s": 1e-3,
+        "spin_up_s": 1e-4,
+        "snapshot_every_s": 1e-4,
+        "checkpoint_every_s": 1e-9,
+    },
+)
 Arguments = Callable[[Path], list[str]]
 
 
@@ -79,18 +87,36 @@ def family(folder: Path) -> list[str]:
 
 STAGES: dict[str, tuple[Callable[[], None], Arguments]] = {
     "film": (thin_film.main, of_design("si43", "film.h5")),
-    "grating": (modal.main, of_design(
-        "mark1e_te", "te.h5", "--u-max", "0.02", "--v-max", "0.02", "--tolerance", "0.02", "--accept-missed",
-    )),
+    "grating": (
+        modal.main,
+        of_design(
+            "mark1e_te",
+            "te.h5",
+            "--u-max",
+            "0.02",
+            "--v-max",
+            "0.02",
+            "--tolerance",
+            "0.02",
+            "--accept-missed",
+        ),
+    ),
     "nodes": (nodes.main, of_design("mark1e_te", "nodes.json", "--u-max", "0.05", "--v-max", "0.05")),
-    "cells": (local.main, cells), "screening": (screening.main, family), "plan": (plan.main, alone("plan.json")),
-    "mesh": (mesh_command.main, alone("mesh.vtkhdf")), "floquet": (floquet.main, flown("floquet.json")),
-    "maps": (maps.main, flown("maps.h5")), "basin": (basin.main, mapped), "rigid": (rigid.main, flown("rigid.h5")),
+    "cells": (local.main, cells),
+    "screening": (screening.main, family),
+    "plan": (plan.main, alone("plan.json")),
+    "mesh": (mesh_command.main, alone("mesh.vtkhdf")),
+    "floquet": (floquet.main, flown("floquet.json")),
+    "maps": (maps.main, flown("maps.h5")),
+    "basin": (basin.main, mapped),
+    "rigid": (rigid.main, flown("rigid.h5")),
     "flexible": (membrane_stage.main, flown("flight.vtkhdf")),
 }
 #: A stage of each kind of file in every run of the tests, all of them where slow tests run.
-ALL = [stage if stage in ("film", "plan", "rigid", "screening") else pytest.param(stage, marks=pytest.mark.slow)
-       for stage in STAGES]
+ALL = [
+    stage if stage in ("film", "plan", "rigid", "screening") else pytest.param(stage, marks=pytest.mark.slow)
+    for stage in STAGES
+]
 
 
 def content(path: Path) -> object:
@@ -101,12 +127,14 @@ def content(path: Path) -> object:
         return repr(pd.read_parquet(path).to_dict("list"))  # nan is nan
     found: dict[str, bytes] = {}
     with h5py.File(path) as file:
+
         def keep(name: str, item: h5py.Dataset | h5py.Group) -> None:
             if isinstance(item, h5py.Dataset):
                 found[name] = np.asarray(item[()]).tobytes() if item.dtype != object else str(item[()]).encode()
             for key, value in item.attrs.items():
                 if not (key.endswith("_seconds") or key in ("DIMENSION_LIST", "REFERENCE_LIST")):  # of netCDF
                     found[f"{name}.{key}"] = repr(value).encode()
+
         file.visititems(keep)
         keep("/", file)
     return found
@@ -183,9 +211,7 @@ def jumping() -> None:
 
 
 @pytest.mark.parametrize("stage", ALL)
-def test_a_clock_that_jumps_changes_no_bit(
-    tmp_path: Path, stage: str, quiet: Callable[[str], tuple[object, float]]
-):
+def test_a_clock_that_jumps_changes_no_bit(tmp_path: Path, stage: str, quiet: Callable[[str], tuple[object, float]]):
     expected, _ = quiet(stage)
     main, arguments = STAGES[stage]
     given = arguments(tmp_path)

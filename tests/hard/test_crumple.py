@@ -15,7 +15,8 @@ PULSE = 0.04
 def pushed(dt: float) -> Scene:
     """A film without spin in a narrow beam that is on for 40 ms."""
     return dark(
-        6, sail={"sectors": film(absorptance=0.0, emissivity_front=0.0, emissivity_back=0.0)},
+        6,
+        sail={"sectors": film(absorptance=0.0, emissivity_front=0.0, emissivity_back=0.0)},
         beam={"intensity_W_m2": 4e9, "radius_m": 0.25, "rise_s": 1e-4, "on_s": PULSE},
         effects={"tensile_failure": False},
         flight={"series_every": 4, "time_step_s": dt, "fly_away_m": 1e3, "optics_every": 1},
@@ -72,8 +73,11 @@ def test_the_same_collapse_twice_is_the_same_to_the_bit(tmp_path: Path):
 
 def test_a_crumpled_sail_takes_light_on_both_faces_and_never_makes_power(tmp_path: Path):
     """Film: absorbed and reflected power stay below the incident one, and the push is downstream all the time."""
-    scene = altered(pushed(4e-6), sail={"sectors": film(absorptance=0.2, reflectance=0.5)},
-                    effects={"absorption": False, "emission": False})
+    scene = altered(
+        pushed(4e-6),
+        sail={"sectors": film(absorptance=0.2, reflectance=0.5)},
+        effects={"absorption": False, "emission": False},
+    )
     flight = Flight(scene, {}, tmp_path)
     flight.step = flight.model.release
     flight.state.x[2] += 1e-3 * np.exp(-((flight.state.x[0] - 0.13) ** 2 + flight.state.x[1] ** 2) / 0.02)

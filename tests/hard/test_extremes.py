@@ -22,10 +22,17 @@ from tests.synthetic import smooth_tables
 
 MATERIAL = {**FILM, "damping_s": 0.0}
 SECTOR = {"material": MATERIAL, "thickness_m": 4e-7, "g": [1.0, 0.0]}
-SCENE = small(rings=2, sail={"sectors": [
-    {**SECTOR, "from_deg": 0.0, "design": "mark1e_te"},
-    {**SECTOR, "from_deg": 180.0, "g": [-1.0, 0.0], "design": "mark1e_te"},
-]}, rigid={"duration_s": 1e-3, "most_steps": 1000}, flight={"duration_s": 1e-8, "spin_up_s": 1e-8}).model_dump()
+SCENE = small(
+    rings=2,
+    sail={
+        "sectors": [
+            {**SECTOR, "from_deg": 0.0, "design": "mark1e_te"},
+            {**SECTOR, "from_deg": 180.0, "g": [-1.0, 0.0], "design": "mark1e_te"},
+        ]
+    },
+    rigid={"duration_s": 1e-3, "most_steps": 1000},
+    flight={"duration_s": 1e-8, "spin_up_s": 1e-8},
+).model_dump()
 EXTREMES = (1e300, 1e-300, -1e300, 0.0, 1e30, 1e-30, -1e30, 1e12, 1e9, -1e9, 1e-9, 1e-15, 1e6, 1e-6, 1000.0)
 
 
@@ -63,10 +70,14 @@ def ends(stage: Any, data: dict[str, Any], folder: Path, monkeypatch: pytest.Mon
     return 0
 
 
-@pytest.mark.parametrize("stage", [
-    pytest.param(rigid, id="rigid"), pytest.param(floquet, id="floquet"),
-    pytest.param(membrane, id="membrane", marks=pytest.mark.slow),
-])
+@pytest.mark.parametrize(
+    "stage",
+    [
+        pytest.param(rigid, id="rigid"),
+        pytest.param(floquet, id="floquet"),
+        pytest.param(membrane, id="membrane", marks=pytest.mark.slow),
+    ],
+)
 def test_no_number_that_a_scene_may_hold_ends_in_a_traceback(stage, tmp_path, monkeypatch, capsys):
     smooth_tables()["mark1e_te"].write(tmp_path / "te.h5")
     broken = []

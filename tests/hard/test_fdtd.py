@@ -56,7 +56,11 @@ def test_edges_that_are_nowhere_on_the_grid_cost_no_accuracy(request, apart, whi
     cell = request.getfixturevalue(which)
     ridges = [[start + 0.3 * (start > 0), width + 0.9] for start, width in cell.ridges_nm]
     odd = changed(
-        cell, period_nm=cell.period_nm + 3.7, ridges_nm=ridges, ridge_height_nm=403.3, membrane_nm=197.1,
+        cell,
+        period_nm=cell.period_nm + 3.7,
+        ridges_nm=ridges,
+        ridge_height_nm=403.3,
+        membrane_nm=197.1,
     )
     result = apart(solve_direction, odd, 0.03, 0.05, TRIPLE)
     difference = np.abs(result.q - exact(odd, 0.03, 0.05)).max()
@@ -78,7 +82,11 @@ def test_rounded_corners_agree_with_the_modal_staircase(apart, which):
 def test_slanted_walls_agree_with_the_modal_method(apart, axis, tolerance):
     cell = Profile.model_validate(
         {
-            "kind": "profile", "name": "slanted", "wavelength_nm": 1064.0, "electric_axis": axis, "period_nm": 1500.0,
+            "kind": "profile",
+            "name": "slanted",
+            "wavelength_nm": 1064.0,
+            "electric_axis": axis,
+            "period_nm": 1500.0,
             "depth_nm": 600.0,
             "polygons": [
                 {"index": {"n": 2.0}, "vertices_nm": [[200.0, 0.0], [600.0, 0.0], [800.0, 400.0], [100.0, 400.0]]},
@@ -95,11 +103,17 @@ def test_slanted_walls_agree_with_the_modal_method(apart, axis, tolerance):
 
 def test_a_blaze_agrees_with_the_modal_method(apart):
     """Walls that lean by 63°, light with its field across them: a staircase errs by more than FDTD states."""
-    cell = Profile.model_validate({
-        "kind": "profile", "name": "blaze", "wavelength_nm": 1064.0, "electric_axis": "g", "period_nm": 1600.0,
-        "depth_nm": 1000.0,
-        "polygons": [{"index": {"n": 2.0}, "vertices_nm": [[0, 1000], [0, 800], [1600, 0], [1600, 1000]]}],
-    })
+    cell = Profile.model_validate(
+        {
+            "kind": "profile",
+            "name": "blaze",
+            "wavelength_nm": 1064.0,
+            "electric_axis": "g",
+            "period_nm": 1600.0,
+            "depth_nm": 1000.0,
+            "polygons": [{"index": {"n": 2.0}, "vertices_nm": [[0, 1000], [0, 800], [1600, 0], [1600, 1000]]}],
+        }
+    )
     coarse, fine = (exact(Slanted(cell, steps), 0.05, 0.1, 14) for steps in (32, 64))
     result = apart(solve_direction, cell, 0.05, 0.1, FdtdSettings())
     assert np.abs(result.q - (fine + (fine - coarse) / 3)).max() < result.error < 1e-2

@@ -39,7 +39,9 @@ def meshed(folder: Path) -> list[str]:
 
 
 STAGES = {
-    "table": (thin_film.main, film), "rigid flight": (rigid.main, flight), "basin": (basin.main, mapped),
+    "table": (thin_film.main, film),
+    "rigid flight": (rigid.main, flight),
+    "basin": (basin.main, mapped),
     "mesh": (mesh_command.main, meshed),
 }
 

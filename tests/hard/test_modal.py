@@ -60,7 +60,10 @@ def test_touching_ridges_are_one_ridge(tm):
 def test_a_vanishing_ridge_leaves_the_membrane(tm):
     cell = changed(tm, ridges_nm=[[0.0, 1e-9]])
     film = ThinFilm(
-        kind="thin_film", name="film", wavelength_nm=1064.0, polarisation="p",
+        kind="thin_film",
+        name="film",
+        wavelength_nm=1064.0,
+        polarisation="p",
         layers=[Layer(thickness_nm=200.0, index=Index(n=2.0, k=2e-6))],
     )
     assert np.abs(one(cell, 0.2, 0.0, 10)[0] - pressure(film, np.array([0.2]))[0][0]).max() < 1e-9

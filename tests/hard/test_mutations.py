@@ -66,9 +66,13 @@ SCENES = {name: load_yaml(WORKFLOW / f"scenes/{name}.yaml") for name in ("fig6",
 SCENES["scene"] = WHOLE["scene"][1]
 CURVED = ("plan", "mesh", "membrane")  # stages for sails that are not flat, or not of sectors alone
 FLYING: dict[str, tuple[Callable[[], None], list[tuple[Any, str]]]] = {
-    "plan": (plan_stage.main, []), "mesh": (mesh_command.main, []), "rigid": (rigid.main, [(rigid, "_integrate")]),
-    "membrane": (membrane_stage.main, [(membrane.Flight, "advance")]), "floquet": (floquet.main, []),
-    "maps": (maps.main, [(maps, "make_maps")]), "basin": (basin.main, [(basin, "_outcome")]),
+    "plan": (plan_stage.main, []),
+    "mesh": (mesh_command.main, []),
+    "rigid": (rigid.main, [(rigid, "_integrate")]),
+    "membrane": (membrane_stage.main, [(membrane.Flight, "advance")]),
+    "floquet": (floquet.main, []),
+    "maps": (maps.main, [(maps, "make_maps")]),
+    "basin": (basin.main, [(basin, "_outcome")]),
 }
 
 
@@ -107,10 +111,14 @@ def test_mutated_scenes(folder: Path, drawn: tuple[str, str, bytes]):
 
 
 SEEN = [
-    ({"rigid": {"duration_s": 1e5}}, "rigid"), ({"sail": {"rings": 1000}}, "membrane"),
-    ({"sail": {"radius_m": 1e-300}}, "rigid"), ({"sail": {"radius_m": 1e300}}, "membrane"),
-    ({"beam": {"radius_m": 1e300}}, "floquet"), ({"release": {"spin_Hz": 1e15}}, "rigid"),
-    ({"sail": {"rings": 10**400}}, "plan"), ({"flight": {"time_step_s": 1e-300}}, "membrane"),
+    ({"rigid": {"duration_s": 1e5}}, "rigid"),
+    ({"sail": {"rings": 1000}}, "membrane"),
+    ({"sail": {"radius_m": 1e-300}}, "rigid"),
+    ({"sail": {"radius_m": 1e300}}, "membrane"),
+    ({"beam": {"radius_m": 1e300}}, "floquet"),
+    ({"release": {"spin_Hz": 1e15}}, "rigid"),
+    ({"sail": {"rings": 10**400}}, "plan"),
+    ({"flight": {"time_step_s": 1e-300}}, "membrane"),
     ({"name": "x" * 100_000}, "plan"),
 ]
 
@@ -180,6 +188,7 @@ def test_mutated_designs(folder: Path, drawn: tuple[str, bytes]):
 
 # Configurations, families, lists of cases
 
+
 def plan() -> None:
     read_plan(read_config([sys.argv[1]]), ROOT)
 
@@ -228,7 +237,20 @@ def test_mutated_configurations(folder: Path, drawn: tuple[str, bytes]):
 # What is in a file stays data, and names stay within the project
 
 OUTSIDE = [
-    "../fig6", "..", ".", "/etc/passwd", "~root", "a/b", "a\\b", "a\0b", ".hidden", "-rf", "$(touch x)", "é", "a b", "",
+    "../fig6",
+    "..",
+    ".",
+    "/etc/passwd",
+    "~root",
+    "a/b",
+    "a\\b",
+    "a\0b",
+    ".hidden",
+    "-rf",
+    "$(touch x)",
+    "é",
+    "a b",
+    "",
     "x" * 300,
 ]
 
@@ -236,9 +258,12 @@ OUTSIDE = [
 @pytest.mark.parametrize("name", OUTSIDE)
 def test_names_lead_to_no_other_folder(name: str):
     for model, data, path in (
-        (scenes.Scene, SCENES["fig6"], ("name",)), (scenes.Scene, SCENES["fig6"], ("sail", "sectors", 0, "design")),
-        (Config, LISTS["config"], ("designs", 0)), (Config, LISTS["config"], ("rigid", 0)),
-        (family.Family, LISTS["search"], ("scene",)), (type(TE), DESIGNS["mark1e_te"], ("name",)),
+        (scenes.Scene, SCENES["fig6"], ("name",)),
+        (scenes.Scene, SCENES["fig6"], ("sail", "sectors", 0, "design")),
+        (Config, LISTS["config"], ("designs", 0)),
+        (Config, LISTS["config"], ("rigid", 0)),
+        (family.Family, LISTS["search"], ("scene",)),
+        (type(TE), DESIGNS["mark1e_te"], ("name",)),
     ):
         assert line(model, changed(data, path, name)).startswith(f"a.yaml: {place(path)} = ")
 

@@ -8,8 +8,15 @@ from optics.modal.response import solve
 from optics.modal.stage import make_table
 
 SHALLOW = Metagrating(
-    kind="metagrating", name="shallow", wavelength_nm=1064, electric_axis="r", period_nm=900, ridges_nm=[[0, 450]],
-    ridge_height_nm=10, membrane_nm=200, index={"n": 2.0, "k": 0.0},
+    kind="metagrating",
+    name="shallow",
+    wavelength_nm=1064,
+    electric_axis="r",
+    period_nm=900,
+    ridges_nm=[[0, 450]],
+    ridge_height_nm=10,
+    membrane_nm=200,
+    index={"n": 2.0, "k": 0.0},
 )
 
 

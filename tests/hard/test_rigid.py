@@ -85,11 +85,14 @@ def test_tumbling_about_the_intermediate_axis_follows_jacobi_s_functions():
     rate = np.sqrt((most - middle) * shape / (least * middle * most))
     m = (middle - least) * (energy * most - square) / ((most - middle) * shape)
     sn, cn, dn, _ = ellipj(ellipk(m) + rate * flight.time, m)
-    want = np.stack([
-        np.sqrt((energy * most - square) / (middle * (most - middle))) * sn,
-        np.sqrt((energy * most - square) / (least * (most - least))) * cn,
-        np.sqrt(shape / (most * (most - least))) * dn,
-    ], axis=1)
+    want = np.stack(
+        [
+            np.sqrt((energy * most - square) / (middle * (most - middle))) * sn,
+            np.sqrt((energy * most - square) / (least * (most - least))) * cn,
+            np.sqrt(shape / (most * (most - least))) * dn,
+        ],
+        axis=1,
+    )
     if np.sign(flight.angular_velocity[20, 1]) != np.sign(want[20, 1]):
         want[:, 1] *= -1.0  # x, y, z in the order of their moments are left-handed
     assert (np.diff(np.sign(want[:, 0])) != 0).sum() >= 2
@@ -110,9 +113,10 @@ def test_a_free_lamina_wobbles_once_a_turn_in_its_own_axes_and_twice_in_the_lab(
 def test_ten_kilohertz_of_spin_keep_their_phase_under_light():
     """Centred and level the light turns nothing: yaw is ωt, and the sail moves on as without spin."""
     still, fast = (
-        rigid.fly(altered(
-            FIG6, release={**LEVEL, "spin_Hz": spin}, rigid={"duration_s": 0.02, "tolerance": 1e-12}
-        ), TABLES) for spin in (0.0, 1e4)
+        rigid.fly(
+            altered(FIG6, release={**LEVEL, "spin_Hz": spin}, rigid={"duration_s": 0.02, "tolerance": 1e-12}), TABLES
+        )
+        for spin in (0.0, 1e4)
     )
     phase = 2.0 * np.pi * 1e4 * fast.time
     assert np.abs(np.sin(0.5 * (fast.angles[2] - phase))).max() < 1e-7
@@ -123,8 +127,11 @@ def test_ten_kilohertz_of_spin_hold_a_displaced_sail_level():
     """The faster the top, the less it yields: tilt falls at least as 1/spin from 1 to 10 kHz; balances close."""
     tilts = []
     for spin in (1e3, 1e4):
-        case = altered(FIG6, release={"offset_m": [0.05, 0.0], "pitch_deg": 0.0, "roll_deg": 0.0, "spin_Hz": spin},
-                       rigid={"duration_s": 0.01, "output_Hz": 2e4})
+        case = altered(
+            FIG6,
+            release={"offset_m": [0.05, 0.0], "pitch_deg": 0.0, "roll_deg": 0.0, "spin_Hz": spin},
+            rigid={"duration_s": 0.01, "output_Hz": 2e4},
+        )
         flight = rigid.fly(case, TABLES)
         assert np.abs(flight.energy_balance).max() < 1e-8 * flight.energy_kinetic.max()
         tilts.append(np.hypot(*flight.rotation[:, :2, 2].T).max())

@@ -45,6 +45,7 @@ def test_slivers_a_thousand_times_longer_than_wide_keep_energy_and_momentum(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     """A mesh that would be refused, flown all the same: the elements themselves know no slenderness."""
+
     def squeezed(sail: Any) -> Any:
         mesh = sail_mesh(sail)
         return replace(mesh, nodes=mesh.nodes * [1.0, 1e-3, 1.0])
@@ -83,7 +84,8 @@ def test_the_time_step_just_above_the_bound_is_refused_and_just_below_it_is_stab
 def test_thermal_shock_heats_as_the_closed_form_says_and_strains_no_more_than_twice_the_expansion():
     """0 to 5 GW/m² in a microsecond. T − T₀ = aIt/(ρhc); the sail overshoots its new rest shape by as much again."""
     scene = dark(
-        6, sail={"sectors": film(absorptance=1e-4, emissivity_front=0.0, emissivity_back=0.0)},
+        6,
+        sail={"sectors": film(absorptance=1e-4, emissivity_front=0.0, emissivity_back=0.0)},
         beam={"intensity_W_m2": 5e9, "radius_m": 1e4, "rise_s": 1e-6, "on_s": 1.0},
         flight={"duration_s": 5e-4, "heat_every": 1, "optics_every": 1, "series_every": 1},
     )
@@ -112,8 +114,12 @@ def test_without_spin_and_offset_nothing_turns():
 def test_a_hot_spot_spreads_by_four_times_its_diffusivity_a_second(tmp_path: Path):
     """⟨r²⟩ = ⟨r²⟩₀ + 4Dt, D = κ/(ρc), while the spot is far from the rim; no heat is lost."""
     quick = {"conductivity_W_mK": 3e6, "emissivity_front": 0.0, "emissivity_back": 0.0}
-    scene = dark(20, sail={"sectors": film(**quick)}, effects={"conduction": True, "expansion": False},
-                 flight={"heat_every": 1, "series_every": 1000})
+    scene = dark(
+        20,
+        sail={"sectors": film(**quick)},
+        effects={"conduction": True, "expansion": False},
+        flight={"heat_every": 1, "series_every": 1000},
+    )
     flight = Flight(scene, {}, tmp_path)
     r2, weights = (flight.model.rest**2).sum(axis=0), flight.membrane.lattice.heat_capacities
     flight.state.temperature[:] = 300.0 + 100.0 * np.exp(-r2 / 0.01)

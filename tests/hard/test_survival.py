@@ -31,9 +31,17 @@ from tests.processes import error, full_at
 from tests.synthetic import smooth_tables
 
 #: A checkpoint after every call of the kernels, at most every 0.1 ms of flight.
-SCENE = small(rings=4, release={"spin_Hz": -120.0}, flight={
-    "duration_s": 2e-3, "snapshot_every_s": 1e-4, "series_every": 4, "checkpoint_every_s": 1e-9, "optics_every": 1,
-})
+SCENE = small(
+    rings=4,
+    release={"spin_Hz": -120.0},
+    flight={
+        "duration_s": 2e-3,
+        "snapshot_every_s": 1e-4,
+        "series_every": 4,
+        "checkpoint_every_s": 1e-9,
+        "optics_every": 1,
+    },
+)
 #: The same by the co-rotating scheme, whose work space is part of a checkpoint.
 CAROUSEL = altered(SCENE, flight={"integrator": "corotating", "heat_every": 1, "series_every": 1})
 
@@ -76,6 +84,7 @@ def same(folder: Path, whole: tuple[dict[str, bytes], float]) -> bool:
 
 
 # kill -9
+
 
 def killed_at_random(folder: Path, scene: Scene, seconds: float, kills: int, seed: int) -> int:
     """Kill a flight at random moments until so many kills hit, then let it end; how many found a checkpoint."""
@@ -195,6 +204,7 @@ def test_kills_of_whole_processes_at_random_moments_change_no_bit(
 
 # A full disk
 
+
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Callable[[int], Path]]:
     """Folders on disks of so many kilobytes, where the machine lets us make them; else plain folders."""
@@ -217,6 +227,7 @@ def disk(tmp_path: Path) -> Iterator[Callable[[int], Path]]:
 
 def frames_full_at(size: int) -> Callable[[], None]:
     """The same for the frames alone, whatever the size of a checkpoint."""
+
     def prepare() -> None:
         append, most = journal.Journal._append, resource.getrlimit(resource.RLIMIT_FSIZE)[0]
 
@@ -230,10 +241,14 @@ def frames_full_at(size: int) -> Callable[[], None]:
     return prepare
 
 
-@pytest.mark.parametrize(("full", "file", "kept"), [
-    (full_at(40_000), "checkpoint.npz", False), (frames_full_at(30_000), "frames", True),
-    (frames_full_at(5_000), "frames", False),
-])
+@pytest.mark.parametrize(
+    ("full", "file", "kept"),
+    [
+        (full_at(40_000), "checkpoint.npz", False),
+        (frames_full_at(30_000), "frames", True),
+        (frames_full_at(5_000), "frames", False),
+    ],
+)
 def test_files_that_cannot_grow_end_the_flight_in_one_line_and_it_goes_on_later(
     tmp_path: Path, whole: tuple[dict[str, bytes], float], full: Callable[[], None], file: str, kept: bool
 ):
@@ -311,6 +326,7 @@ def test_a_disk_that_is_full_when_the_flight_file_is_written(
 
 
 # Damage
+
 
 @pytest.mark.parametrize("name", ["rows", "frames", "checkpoint.npz"])
 @pytest.mark.parametrize("damage", ["flipped", "cut off", "gone"])

@@ -1,6 +1,6 @@
 """Films that break transfer matrices; each asserts a number, most against 50 digits.
 
-    python -m pytest -s -k thousand_angles tests/hard/test_thin_film.py      (prints the speed beside the package tmm)
+python -m pytest -s -k thousand_angles tests/hard/test_thin_film.py      (prints the speed beside the package tmm)
 """
 
 from time import perf_counter

@@ -50,8 +50,11 @@ def screened(folder: Path) -> list[str]:
 
 
 STAGES = {
-    "table": (thin_film.main, film), "rigid flight": (rigid.main, flight), "basin": (basin.main, mapped),
-    "flexible flight": (stage.main, flexible), "screening": (screening.main, screened),
+    "table": (thin_film.main, film),
+    "rigid flight": (rigid.main, flight),
+    "basin": (basin.main, mapped),
+    "flexible flight": (stage.main, flexible),
+    "screening": (screening.main, screened),
 }
 
 
@@ -124,7 +127,10 @@ def test_what_a_killed_writer_left_is_removed_and_that_of_others_is_not(tmp_path
     lock.claim(out)
     lock.claim(out)
     assert sorted(path.name for path in out.parent.iterdir()) == [
-        ".a.abcd1234.part", ".a.h5.lock", ".a.h5.x.h5.abcd1234.part", "a.h5.abcd1234.part",
+        ".a.abcd1234.part",
+        ".a.h5.lock",
+        ".a.h5.x.h5.abcd1234.part",
+        "a.h5.abcd1234.part",
     ]
     lock.release(out)
     assert not out.with_name(".a.h5.lock").exists()

@@ -31,8 +31,15 @@ NAMED = {**SECTOR, "material": "nitride_te", "g": "radial"}
 SCENE = {
     **Scene.model_validate(load_yaml(WORKFLOW / "scenes/fig6.yaml")).model_dump(),
     "sail": {
-        "outline": "round", "profile": "flat", "surface": "smooth", "rescale": False, "radius_m": 0.5, "rings": 3,
-        "rotation_deg": 0.0, "sectors": [SECTOR], "rim": {"from_m": 0.4, "sectors": [SECTOR, {**NAMED, "from_deg": 9}]},
+        "outline": "round",
+        "profile": "flat",
+        "surface": "smooth",
+        "rescale": False,
+        "radius_m": 0.5,
+        "rings": 3,
+        "rotation_deg": 0.0,
+        "sectors": [SECTOR],
+        "rim": {"from_m": 0.4, "sectors": [SECTOR, {**NAMED, "from_deg": 9}]},
         "grid": {"x_m": [0.0], "y_m": [], "regions": [[None, {k: v for k, v in NAMED.items() if k != "from_deg"}]]},
     },
 }
@@ -40,31 +47,82 @@ SHARED = {"name": "c", "wavelength_nm": 1064.0, "surroundings": {"front": 1.0, "
 GRATING = {**SHARED, "electric_axis": "r", "period_nm": 1000.0}
 WHOLE: dict[str, tuple[type[Strict], dict[str, Any]]] = {
     "scene": (Scene, SCENE),
-    "metagrating": (KINDS["metagrating"], {
-        **GRATING, "kind": "metagrating", "ridges_nm": [[0.0, 300.0]], "ridge_height_nm": 300.0, "membrane_nm": 200.0,
-        "index": FILM, "corner_radius_nm": 10.0,
-    }),
-    "thin_film": (KINDS["thin_film"], {
-        **SHARED, "kind": "thin_film", "polarisation": "mean", "layers": [{"thickness_nm": 100.0, "index": FILM}],
-    }),
-    "lamellar": (KINDS["lamellar"], {**GRATING, "kind": "lamellar", "layers": [
-        {"thickness_nm": 100.0, "index": FILM, "ridges": [{"start_nm": 0.0, "width_nm": 100.0, "index": FILM}]},
-    ]}),
-    "profile": (KINDS["profile"], {**GRATING, "kind": "profile", "depth_nm": 500.0, "polygons": [
-        {"index": FILM, "vertices_nm": [[0.0, 0.0], [100.0, 500.0], [0.0, 500.0]]},
-    ]}),
+    "metagrating": (
+        KINDS["metagrating"],
+        {
+            **GRATING,
+            "kind": "metagrating",
+            "ridges_nm": [[0.0, 300.0]],
+            "ridge_height_nm": 300.0,
+            "membrane_nm": 200.0,
+            "index": FILM,
+            "corner_radius_nm": 10.0,
+        },
+    ),
+    "thin_film": (
+        KINDS["thin_film"],
+        {
+            **SHARED,
+            "kind": "thin_film",
+            "polarisation": "mean",
+            "layers": [{"thickness_nm": 100.0, "index": FILM}],
+        },
+    ),
+    "lamellar": (
+        KINDS["lamellar"],
+        {
+            **GRATING,
+            "kind": "lamellar",
+            "layers": [
+                {"thickness_nm": 100.0, "index": FILM, "ridges": [{"start_nm": 0.0, "width_nm": 100.0, "index": FILM}]},
+            ],
+        },
+    ),
+    "profile": (
+        KINDS["profile"],
+        {
+            **GRATING,
+            "kind": "profile",
+            "depth_nm": 500.0,
+            "polygons": [
+                {"index": FILM, "vertices_nm": [[0.0, 0.0], [100.0, 500.0], [0.0, 500.0]]},
+            ],
+        },
+    ),
     "basin grid": (Grid, Grid(limit_m=1.0).model_dump()),
     "config": (Config, load_yaml(WORKFLOW / "config.yaml")),
-    "family": (Family, {
-        "kind": "family", "name": "f", "description": "", "scene": "fig6", "te": {"gap_nm": [1.0, 2.0]},
-        "tm": {"gap_nm": {"low": 1.0, "high": 2.0, "count": 3}}, "both": {"index_n": {"times": {"low": 1, "high": 2,
-        "count": 2}}}, "sail": {"spin_Hz": [1.0]}, "sample": {"kind": "product"}, "best": {"count": 1},
-    }),
+    "family": (
+        Family,
+        {
+            "kind": "family",
+            "name": "f",
+            "description": "",
+            "scene": "fig6",
+            "te": {"gap_nm": [1.0, 2.0]},
+            "tm": {"gap_nm": {"low": 1.0, "high": 2.0, "count": 3}},
+            "both": {"index_n": {"times": {"low": 1, "high": 2, "count": 2}}},
+            "sail": {"spin_Hz": [1.0]},
+            "sample": {"kind": "product"},
+            "best": {"count": 1},
+        },
+    ),
 }
 WRONG: dict[str, Any] = {
-    "text": "a b", "long text": "x" * 10_000, "list": [1, 2], "list of text": ["a", None], "empty list": [],
-    "mapping": {"a": 1}, "empty mapping": {}, "null": None, "true": True, "negative": -1.5, "huge": 1e300,
-    "very long": 10**5000, "nan": float("nan"), "inf": float("inf"), "date": datetime.date(2026, 1, 1),
+    "text": "a b",
+    "long text": "x" * 10_000,
+    "list": [1, 2],
+    "list of text": ["a", None],
+    "empty list": [],
+    "mapping": {"a": 1},
+    "empty mapping": {},
+    "null": None,
+    "true": True,
+    "negative": -1.5,
+    "huge": 1e300,
+    "very long": 10**5000,
+    "nan": float("nan"),
+    "inf": float("inf"),
+    "date": datetime.date(2026, 1, 1),
     "nested": [[[[{"a": [[[[[1]]]]]}]]]],
 }
 LIBRARY = re.compile(
@@ -149,34 +207,64 @@ def test_every_key_left_out_or_misspelt_is_named(what):
         assert names in said.replace('"', "'"), (path, said)
 
 
-@pytest.mark.parametrize(("path", "value", "said"), [
-    (("sail", "sectors", 0, "material"), {"thickness_m": 563e-9, "poisson": 0.2},
-     r"sail.sectors\[0\].material: missing density_kg_m3, young_Pa, strength_Pa, conductivity_W_mK, "
-     "heat_capacity_J_kgK, expansion_1_K, emissivity_front, emissivity_back, absorptance, failure_temperature_K"),
-    (("sail", "sectors", 0, "material"), 5,
-     r"sail.sectors\[0\].material = 5: must be text: put it in quotes or a mapping of thickness_m, density_kg_m3, .*"),
-    (("sail", "sectors", 0, "material"), "gold",
-     r"sail.sectors\[0\].material = 'gold': must be one of nitride_te, nitride_tm, silicon_43nm, or given in full"),
-    (("sail", "sectors", 0, "material", "young_Pa"), "stiff",
-     r'sail.sectors\[0\].material.young_Pa = "stiff": must be a number'),
-    (("sail", "sectors", 0, "g"), "up",
-     r"sail.sectors\[0\].g = \"up\": must be 'radial', '-radial', 'tangential' or '-tangential'"),
-    (("sail", "sectors", 0, "g"), [1, "a"], r"sail.sectors\[0\].g\[1\] = \"a\": must be a number"),
-    (("sail", "sectors", 0, "g"), [1], r"sail.sectors\[0\].g = \[1\]: must be a list of at least 2 entries"),
-    (("sail", "sectors", 0, "g"), 7,
-     r"sail.sectors\[0\].g = 7: must be a list or 'radial', '-radial', 'tangential' or '-tangential'"),
-    (("sail", "sectors", 0, "material", "with_temperature"), {"density_kg_m3": [[300, 1]]},
-     r"sail.sectors\[0\].material.with_temperature: unknown key .?density_kg_m3.? \(allowed: conductivity_W_mK, .*\)"),
-    (("beam",), None, "beam = null: must be a mapping of intensity_W_m2, radius_m, radius_y_m, .*"),
-    (("sail", "rings"), 3.5, "sail.rings = 3.5: must be a whole number"),
-    (("sail", "rings"), 10**4000, r"sail.rings = 100000… \(4001 digits\): must be less than or equal to 1000"),
-    (("effects", "light"), "on", "effects.light = \"on\": must be true or false"),
-    (("name",), 42, "name = 42: must be text: put it in quotes"),
-    (("name",), "a/b",
-     "name = \"a/b\": must be made of letters, digits, '_', '.' and '-' only, a letter, digit or '_' first"),
-    (("sail", "radius_m"), float("nan"), "sail.radius_m = .nan: must be a finite number"),
-    (("description",), "x", ""),
-])
+@pytest.mark.parametrize(
+    ("path", "value", "said"),
+    [
+        (
+            ("sail", "sectors", 0, "material"),
+            {"thickness_m": 563e-9, "poisson": 0.2},
+            r"sail.sectors\[0\].material: missing density_kg_m3, young_Pa, strength_Pa, conductivity_W_mK, "
+            "heat_capacity_J_kgK, expansion_1_K, emissivity_front, emissivity_back, absorptance, failure_temperature_K",
+        ),
+        (
+            ("sail", "sectors", 0, "material"),
+            5,
+            r"sail.sectors\[0\].material = 5: must be text: put it in quotes "
+            "or a mapping of thickness_m, density_kg_m3, .*",
+        ),
+        (
+            ("sail", "sectors", 0, "material"),
+            "gold",
+            r"sail.sectors\[0\].material = 'gold': must be one of nitride_te, "
+            "nitride_tm, silicon_43nm, or given in full",
+        ),
+        (
+            ("sail", "sectors", 0, "material", "young_Pa"),
+            "stiff",
+            r'sail.sectors\[0\].material.young_Pa = "stiff": must be a number',
+        ),
+        (
+            ("sail", "sectors", 0, "g"),
+            "up",
+            r"sail.sectors\[0\].g = \"up\": must be 'radial', '-radial', 'tangential' or '-tangential'",
+        ),
+        (("sail", "sectors", 0, "g"), [1, "a"], r"sail.sectors\[0\].g\[1\] = \"a\": must be a number"),
+        (("sail", "sectors", 0, "g"), [1], r"sail.sectors\[0\].g = \[1\]: must be a list of at least 2 entries"),
+        (
+            ("sail", "sectors", 0, "g"),
+            7,
+            r"sail.sectors\[0\].g = 7: must be a list or 'radial', '-radial', 'tangential' or '-tangential'",
+        ),
+        (
+            ("sail", "sectors", 0, "material", "with_temperature"),
+            {"density_kg_m3": [[300, 1]]},
+            r"sail.sectors\[0\].material.with_temperature: unknown key .?density_kg_m3.? "
+            r"\(allowed: conductivity_W_mK, .*\)",
+        ),
+        (("beam",), None, "beam = null: must be a mapping of intensity_W_m2, radius_m, radius_y_m, .*"),
+        (("sail", "rings"), 3.5, "sail.rings = 3.5: must be a whole number"),
+        (("sail", "rings"), 10**4000, r"sail.rings = 100000… \(4001 digits\): must be less than or equal to 1000"),
+        (("effects", "light"), "on", 'effects.light = "on": must be true or false'),
+        (("name",), 42, "name = 42: must be text: put it in quotes"),
+        (
+            ("name",),
+            "a/b",
+            "name = \"a/b\": must be made of letters, digits, '_', '.' and '-' only, a letter, digit or '_' first",
+        ),
+        (("sail", "radius_m"), float("nan"), "sail.radius_m = .nan: must be a finite number"),
+        (("description",), "x", ""),
+    ],
+)
 def test_what_is_said_of_a_scene(path, value, said):
     assert re.fullmatch(said, line(Scene, changed(SCENE, path, value)).removeprefix("a.yaml: "))
 
@@ -186,13 +274,20 @@ def test_all_missing_keys_are_named_at_once():
     assert line(Scene, {**SCENE, "beam": {}}) == "a.yaml: beam: missing intensity_W_m2, radius_m"
 
 
-@pytest.mark.parametrize(("value", "said"), [
-    ("x" * 100, f'"{"x" * 58}…'), ([1, [2, [3, [4, [5]]]]], "[1, [2, [3, [4, […]]]]]"),
-    (list(range(100)), "[0, 1, 2, 3, 4, 5, 6, 7, …]"), ({"a": None, "b": True}, '{"a": null, "b": true}'),
-    pytest.param(-(10**5000), "-100000… (5001 digits)", id="-1e5000"),
-    pytest.param(10**5000 - 1, "999999… (5000 digits)", id="1e5000"), ("a\nb\x1b", '"a\\nb\\u001b"'),
-    (float("-inf"), "-.inf"), (datetime.date(2026, 1, 2), "2026-01-02"),
-])
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ("x" * 100, f'"{"x" * 58}…'),
+        ([1, [2, [3, [4, [5]]]]], "[1, [2, [3, [4, […]]]]]"),
+        (list(range(100)), "[0, 1, 2, 3, 4, 5, 6, 7, …]"),
+        ({"a": None, "b": True}, '{"a": null, "b": true}'),
+        pytest.param(-(10**5000), "-100000… (5001 digits)", id="-1e5000"),
+        pytest.param(10**5000 - 1, "999999… (5000 digits)", id="1e5000"),
+        ("a\nb\x1b", '"a\\nb\\u001b"'),
+        (float("-inf"), "-.inf"),
+        (datetime.date(2026, 1, 2), "2026-01-02"),
+    ],
+)
 def test_values_are_shown_as_yaml_and_cut(value, said):
     assert brief(value) == said
 
@@ -214,8 +309,10 @@ FILES = {
     "a control character": ("name: \x00", "not valid YAML: .*"),
     "a key that is a list": ("? [a]\n: 1\n", "not valid YAML: found unhashable key"),
     "aliases without end": ("a: &a [*a]\n", "not valid YAML: found unconstructable recursive node"),
-    "a bomb": ("a0: &a0 [1, 1]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 40)),
-               "not valid YAML: more than 1000000 values, or an alias .*"),
+    "a bomb": (
+        "a0: &a0 [1, 1]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 40)),
+        "not valid YAML: more than 1000000 values, or an alias .*",
+    ),
     "a tab": ("a:\n\t- b\n", "not valid YAML: .*"),
     "an alias of nothing": ("a: *b", "not valid YAML: found undefined alias 'b'"),
 }

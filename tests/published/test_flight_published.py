@@ -21,7 +21,8 @@ S3 = read_scene(Path(__file__).parents[2] / "workflow" / "scenes" / "s3_publishe
 CLOCK = 5e-6
 
 SPIN_UP = [  # t s, T_max K, T_mean K, largest strain
-    (-3e-3, 299.6247, 299.6206, 1.98848e-4), (-1e-9, 299.3180, 299.3106, 6.58549e-4),
+    (-3e-3, 299.6247, 299.6206, 1.98848e-4),
+    (-1e-9, 299.3180, 299.3106, 6.58549e-4),
 ]
 RUN = [  # t s, z m, v_z m/s, T_max K, T_mean K, largest strain
     (0.0005, 4.53e-05, 0.1807, 304.7169, 300.9167, 6.59501e-04),

@@ -55,9 +55,13 @@ def test_nominal_sail_with_yaw_blind_incidence():
     assert found.verdict == "marginally_stable"
 
 
-@pytest.mark.parametrize(("incidence", "largest", "smallest"), [
-    ("yaw_blind", 1.0668, 0.9374), ("sail_frame", 1.0324, 0.9687),
-])
+@pytest.mark.parametrize(
+    ("incidence", "largest", "smallest"),
+    [
+        ("yaw_blind", 1.0668, 0.9374),
+        ("sail_frame", 1.0324, 0.9687),
+    ],
+)
 def test_wide_gap_sail_is_unstable(incidence: str, largest: float, smallest: float):
     found = stability("s7c_published", incidence)
     modulus = np.abs(found.multipliers)

@@ -11,10 +11,14 @@ from dynamics.stability import merit
 
 # Computed by hand from the inputs as printed: thickness in nm, burst diameter in m, spin limit in Hz.
 COMPUTED = {
-    ("silicon (111)", "Table 1"): (42.9, 1.26, 132.7), ("diamond, nano", "Table 1"): (39.7, 4.29, 250.0),
-    ("diamond, nano", "Table S1"): (30.6, 1.80, 179.0), ("tempered glass", "Table 1"): (41.3, 0.657, 90.4),
-    ("silicon nitride", "Table 1"): (37.0, 4.74, 214.8), ("MoS2, bilayer", "Table 1"): (19.9, 16.1, 285.0),
-    ("aluminium", "Table 1"): (35.7, 0.178, 58.4), ("polyimide", "Table 1"): (70.4, 0.096, 30.4),
+    ("silicon (111)", "Table 1"): (42.9, 1.26, 132.7),
+    ("diamond, nano", "Table 1"): (39.7, 4.29, 250.0),
+    ("diamond, nano", "Table S1"): (30.6, 1.80, 179.0),
+    ("tempered glass", "Table 1"): (41.3, 0.657, 90.4),
+    ("silicon nitride", "Table 1"): (37.0, 4.74, 214.8),
+    ("MoS2, bilayer", "Table 1"): (19.9, 16.1, 285.0),
+    ("aluminium", "Table 1"): (35.7, 0.178, 58.4),
+    ("polyimide", "Table 1"): (70.4, 0.096, 30.4),
 }
 
 

@@ -20,7 +20,12 @@ ROOT = Path(__file__).parents[2]
 SCENES = ROOT / "workflow/scenes"
 ONE = {"CELLS": ("mark1e_te",)}
 SHORT = {
-    "DURATION": 2e-4, "SCHEMES": ("verlet",), "ELASTICITY": (), "SIZES": (2e-5,), "INTERVALS": (4,), "STEPS": (1.0,),
+    "DURATION": 2e-4,
+    "SCHEMES": ("verlet",),
+    "ELASTICITY": (),
+    "SIZES": (2e-5,),
+    "INTERVALS": (4,),
+    "STEPS": (1.0,),
 }
 needs_meep = pytest.mark.skipif(not meep_installed(), reason="Meep is not installed")
 Given = Callable[[Path, list[str]], list[str]]
@@ -28,9 +33,11 @@ Given = Callable[[Path, list[str]], list[str]]
 
 def flown(scene: str, *files: str) -> Given:
     """Arguments of what flies a scene on tables and writes files."""
+
     def given(folder: Path, tables: list[str]) -> list[str]:
         written = [word for file in files for word in (f"--{file}", str(folder / file))]
         return ["--scene", str(SCENES / f"{scene}.yaml"), "--tables", *tables, *written]
+
     return given
 
 
@@ -58,16 +65,20 @@ BENCHMARKS: dict[str, tuple[Given, dict[str, Any], str]] = {
     ),
     "accuracy_tables": (written, {**ONE, "TOLERANCES": (0.1,), "RANGE": 0.05, "TRUTH": 9}, ""),
     "accuracy_rigid": (
-        sets, {"TOLERANCES": (1e-4,), "QUADRATURES": (1e-2,), "SPACINGS": (0.04,), "BEST": 1e-5, "REPEATS": 1}, "",
+        sets,
+        {"TOLERANCES": (1e-4,), "QUADRATURES": (1e-2,), "SPACINGS": (0.04,), "BEST": 1e-5, "REPEATS": 1},
+        "",
     ),
     "accuracy_flight": (sets, {**SHORT, "RINGS": 2, "FINEST": 3, "MESHES": (2,)}, ""),
     "accuracy_reflections": (
         lambda folder, _: flown("fig4_reflections", "out", "markdown")(folder, [str(folder / "si43.h5")]),
-        {"RINGS": 3, "MESHES": (3,), "FINEST": 4, "SIDES": (1,), "MOST": 2, "POLARISATIONS": ("mean",)}, "",
+        {"RINGS": 3, "MESHES": (3,), "FINEST": 4, "SIDES": (1,), "MOST": 2, "POLARISATIONS": ("mean",)},
+        "",
     ),
     "corotating": (
         lambda folder, tables: [*flown("fig6", "out")(folder, tables), "--rings", "2"],
-        {"DURATION": 2e-4, "STEPS": (28e-6,), "REPEATS": 1}, "",
+        {"DURATION": 2e-4, "STEPS": (28e-6,), "REPEATS": 1},
+        "",
     ),
     "error_estimate": (lambda *_: ["--cells", "1", "--metals", "1", "--tolerance", "0.1"], ONE, "dielectrics"),
     "flight_speed": (
@@ -76,20 +87,26 @@ BENCHMARKS: dict[str, tuple[Given, dict[str, Any], str]] = {
         "one thread",
     ),
     "honesty": (
-        lambda *_: ["--cells", "8", "--only", "film", "--tolerance", "0.1"], {"ROWS": 2, "LINES": 2}, "cells: ",
+        lambda *_: ["--cells", "8", "--only", "film", "--tolerance", "0.1"],
+        {"ROWS": 2, "LINES": 2},
+        "cells: ",
     ),
     "modal_speed": (lambda *_: ["--directions", "2"], {**ONE, "ORDERS": (3,), "LARGE": 5, "TOLERANCE": 0.1}, "meent"),
     "table_error": (
-        lambda *_: ["--cells", "mark1e_te"], {"RANGE": 0.05, "TOLERANCE": 0.1, "TRUTH": 9, "ROWS": 20, "LINES": 2},
+        lambda *_: ["--cells", "mark1e_te"],
+        {"RANGE": 0.05, "TOLERANCE": 0.1, "TRUTH": 9, "ROWS": 20, "LINES": 2},
         "interpolation",
     ),
     "table_lookup": (lambda folder, tables: tables[:1], {"DIRECTIONS": 20, "REPEATS": 1}, "one by one"),
     "accuracy_fdtd": (
-        written, {**ONE, "RESOLUTIONS": (7.45, 10.65), "TRUTH": 9, "directions": lambda cell: [("easy", 0.0, 0.0)]}, "",
+        written,
+        {**ONE, "RESOLUTIONS": (7.45, 10.65), "TRUTH": 9, "directions": lambda cell: [("easy", 0.0, 0.0)]},
+        "",
     ),
     "fdtd_plain": (
         lambda folder, tables: ["--modal", tables[0], "--fdtd", str(folder / "fdtd.h5"), "--count", "1"],
-        {"RESOLUTIONS": (7.45,), "our_way": lambda *_: (1.0, 9)}, "ratio",
+        {"RESOLUTIONS": (7.45,), "our_way": lambda *_: (1.0, 9)},
+        "ratio",
     ),
 }
 MEEP = ("accuracy_fdtd", "fdtd_plain")

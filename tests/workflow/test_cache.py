@@ -50,8 +50,14 @@ def copy(folder: Path) -> Path:
         layer = {**film["layers"][0], "thickness_nm": 50, "index": {"file": INDEX}}
         write(folder / f"workflow/designs/{name}.yaml", film | {"name": name, "layers": [layer]})
     config = load_yaml(ROOT / "workflow/config.yaml") | {
-        "designs": ["si43", "thick"], "fdtd": False, "fdtd_designs": [], "floquet": ["own"], "rigid": [],
-        "maps": [], "flight": [], "basins": [],
+        "designs": ["si43", "thick"],
+        "fdtd": False,
+        "fdtd_designs": [],
+        "floquet": ["own"],
+        "rigid": [],
+        "maps": [],
+        "flight": [],
+        "basins": [],
     }
     write(folder / "workflow/config.yaml", config)
     return folder
@@ -66,8 +72,12 @@ def snakemake(folder: Path, *arguments: str, **variables: str) -> str:
     """What Snakemake says, plain but for one core."""
     environment = {**os.environ, "BEAMRIDER_CACHE": "", **variables}
     done = subprocess.run(
-        [sys.executable, "-m", "snakemake", "--cores", "1", *arguments], cwd=folder, env=environment, text=True,
-        capture_output=True, check=False,
+        [sys.executable, "-m", "snakemake", "--cores", "1", *arguments],
+        cwd=folder,
+        env=environment,
+        text=True,
+        capture_output=True,
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout + done.stderr
@@ -204,9 +214,20 @@ def test_a_scene_dropped_from_the_configuration_makes_the_report_anew(done, chan
 
 def test_results_tell_what_made_them(done):
     said = subprocess.run(
-        [sys.executable, "-m", "beamrider.show", TABLE, STABLE, "results/figures/multipliers.png",
-         "results/figures/multipliers.svg", "results/contents.sha256"],
-        cwd=done, capture_output=True, text=True, check=True,
+        [
+            sys.executable,
+            "-m",
+            "beamrider.show",
+            TABLE,
+            STABLE,
+            "results/figures/multipliers.png",
+            "results/figures/multipliers.svg",
+            "results/contents.sha256",
+        ],
+        cwd=done,
+        capture_output=True,
+        text=True,
+        check=True,
     ).stdout
     programs = re.findall(r"^  program: (\S+)", said, re.M)
     assert programs == ["optics.thin_film", "dynamics.floquet", *["workflow.figures.multipliers"] * 2]
@@ -283,7 +304,10 @@ def test_what_a_disk_spoilt_is_refused_once_and_then_made_again(done, change):
     os.utime(done / TABLE, ns=(about.st_atime_ns, about.st_mtime_ns))
     change("dynamics/stability/floquet.py", lambda text: text + b"\nEDITED = 1\n")
     failed = subprocess.run(
-        [sys.executable, "-m", "snakemake", "--cores", "1", "--", STABLE], cwd=done, capture_output=True, text=True,
+        [sys.executable, "-m", "snakemake", "--cores", "1", "--", STABLE],
+        cwd=done,
+        capture_output=True,
+        text=True,
         check=False,
     )
     assert failed.returncode == 1

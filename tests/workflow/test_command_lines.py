@@ -22,6 +22,7 @@ FLYING = ["dynamics.floquet", "dynamics.rigid", "dynamics.membrane"]
 @pytest.fixture
 def refused(monkeypatch, capsys, tmp_path):
     """A function that runs a stage with arguments and returns the one line of its error."""
+
     def run(module: str, *arguments: str) -> str:
         before = set(tmp_path.rglob("*"))
         monkeypatch.setattr(sys, "argv", [module, *arguments, "--out", str(tmp_path / "out")])
@@ -32,6 +33,7 @@ def refused(monkeypatch, capsys, tmp_path):
         (line,) = capsys.readouterr().err.splitlines()
         assert line.startswith("error: ")
         return line.removeprefix("error: ")
+
     return run
 
 
@@ -40,7 +42,7 @@ def refused(monkeypatch, capsys, tmp_path):
     ("old", "new", "field"),
     [
         ("period_nm: 1600", "period_nm: -1600", "period_nm = -1600"),
-        ("period_nm: 1600", "period_nm: wide", "period_nm = \"wide\""),
+        ("period_nm: 1600", "period_nm: wide", 'period_nm = "wide"'),
         ("period_nm: 1600", "periode_nm: 1600", "unknown key 'periode_nm'; did you mean 'period_nm'?"),
         ("[790, 200]", "[500, 200]", "ridges_nm[1] = [500, 200] overlaps"),
     ],
@@ -68,7 +70,8 @@ def test_a_missing_file(refused, tmp_path, module):
 @pytest.mark.parametrize(
     ("old", "new", "field"),
     [
-        ("rings: 30", "rings: -3", "sail.rings = -3"), ("radius_m: 0.5", "radius_m: half", "sail.radius_m = \"half\""),
+        ("rings: 30", "rings: -3", "sail.rings = -3"),
+        ("radius_m: 0.5", "radius_m: half", 'sail.radius_m = "half"'),
         ("release:", "relaese:", "unknown key 'relaese'; did you mean 'release'?"),
         ("name: fig6", "name: fig7", "name = 'fig7'"),
     ],

@@ -98,13 +98,27 @@ def edit(done):
 def test_all_stages_are_run_the_first_time(new):
     plan = read_plan({**load_yaml(ROOT / "workflow/config.yaml"), "fdtd": True}, ROOT)
     assert _jobs(new) == {
-        "all": 1, "modal_table": len(plan.gratings), "thin_film_table": 1, "fdtd_nodes": len(plan.fdtd_designs),
-        "fdtd_part": sum(map(plan.fdtd_parts, plan.fdtd_designs)), "fdtd_table": len(plan.fdtd_designs),
-        "scene_plan": len(plan.scenes), "floquet": len(plan.config.floquet), "floquet_fdtd": len(plan.fdtd_scenes),
-        "rigid": len(plan.config.rigid), "flight": len(plan.config.flight), "pressure_figure": len(plan.gratings),
-        "fdtd_figure": 1, "multipliers_figure": 1, "flights_figure": 1, "summary": 1, "checks": 1,
-        "snapshots_figure": len(plan.config.flight), "maps": len(plan.config.maps),
-        "maps_figure": len(plan.config.maps), "contents": 1,
+        "all": 1,
+        "modal_table": len(plan.gratings),
+        "thin_film_table": 1,
+        "fdtd_nodes": len(plan.fdtd_designs),
+        "fdtd_part": sum(map(plan.fdtd_parts, plan.fdtd_designs)),
+        "fdtd_table": len(plan.fdtd_designs),
+        "scene_plan": len(plan.scenes),
+        "floquet": len(plan.config.floquet),
+        "floquet_fdtd": len(plan.fdtd_scenes),
+        "rigid": len(plan.config.rigid),
+        "flight": len(plan.config.flight),
+        "pressure_figure": len(plan.gratings),
+        "fdtd_figure": 1,
+        "multipliers_figure": 1,
+        "flights_figure": 1,
+        "summary": 1,
+        "checks": 1,
+        "snapshots_figure": len(plan.config.flight),
+        "maps": len(plan.config.maps),
+        "maps_figure": len(plan.config.maps),
+        "contents": 1,
     }
 
 

@@ -69,7 +69,9 @@ def test_those_that_fly_wait_for_machine_code_and_no_others():
         rule.set_input = added.setdefault(rule.shellcmd, []).append
     demands.attach(rules, "code.txt", {})
     assert {name.split()[-1]: first for name, first in added.items()} == {
-        "dynamics.rigid": ["code.txt"], "dynamics.scene": [], "optics.modal": [],
+        "dynamics.rigid": ["code.txt"],
+        "dynamics.scene": [],
+        "optics.modal": [],
     }
 
 

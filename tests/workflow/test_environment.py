@@ -14,7 +14,8 @@ from beamrider.io.files import load_yaml
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 PINS = [
-    Requirement(line) for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    Requirement(line)
+    for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     if not line.startswith("#")
 ]
 

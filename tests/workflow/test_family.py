@@ -29,11 +29,13 @@ BASE = base_parameters(FIG6, BASES)
 @pytest.fixture
 def family(tmp_path):
     """A function that reads a family made of the given entries."""
+
     def read(**entries):
         path = tmp_path / "own.yaml"
         data = {"kind": "family", "name": "own", "description": "a family", "scene": "fig6", **entries}
         path.write_text(yaml.safe_dump(data), encoding="utf-8")
         return read_family(path)
+
     return read
 
 
@@ -50,8 +52,11 @@ def test_every_family_is_valid_and_starts_from_the_published_design(path):
 
 
 def test_a_product_solves_every_cell_once(family):
-    own = family(te={"gap_nm": [150, 190], "period_nm": {"low": 1500, "high": 1700, "count": 3}},
-                 tm={"gap_nm": {"times": {"low": 1.0, "high": 2.0, "count": 5}}}, sail={"spin_Hz": [-80, -120]})
+    own = family(
+        te={"gap_nm": [150, 190], "period_nm": {"low": 1500, "high": 1700, "count": 3}},
+        tm={"gap_nm": {"times": {"low": 1.0, "high": 2.0, "count": 5}}},
+        sail={"spin_Hz": [-80, -120]},
+    )
     members, cells = number_cells(expand(own, BASE), BASES)
     assert len(members) == 1 + 2 * 3 * 5 * 2
     assert len(cells) == 2 * 3 + 5
@@ -134,7 +139,14 @@ def test_members_that_fail_cost_no_fdtd_and_no_flight(tmp_path):
     parts = max(map(plan.fdtd_parts, plan.scene("fig6").sail.designs))
     jobs = dict(re.findall(r"^(candidate_\w+|cells) +(\d+)$", dry.stdout + dry.stderr, re.M))
     assert jobs == {
-        "candidate_modal_table": "4", "candidate_fdtd_nodes": "4", "candidate_fdtd_part": str(4 * parts),
-        "candidate_fdtd_table": "4", "candidate_floquet": "2", "candidate_floquet_fdtd": "2", "candidate_rigid": "2",
-        "candidate_flight": "2", "candidate_basin": "2", "candidate_basin_part": str(2 * plan.basin_parts("fig6")),
+        "candidate_modal_table": "4",
+        "candidate_fdtd_nodes": "4",
+        "candidate_fdtd_part": str(4 * parts),
+        "candidate_fdtd_table": "4",
+        "candidate_floquet": "2",
+        "candidate_floquet_fdtd": "2",
+        "candidate_rigid": "2",
+        "candidate_flight": "2",
+        "candidate_basin": "2",
+        "candidate_basin_part": str(2 * plan.basin_parts("fig6")),
     }

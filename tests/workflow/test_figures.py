@@ -33,8 +33,9 @@ SCENES = {"spinning": -120.0, "still": 0.0, "torn": 3000.0}  # turns a second; t
 
 
 def _scene(name):
-    return altered(FIG6, name=name, sail={"rings": 2}, release={"spin_Hz": SCENES[name]}, rigid={"duration_s": 0.01},
-                   flight=FLIGHT)
+    return altered(
+        FIG6, name=name, sail={"rings": 2}, release={"spin_Hz": SCENES[name]}, rigid={"duration_s": 0.01}, flight=FLIGHT
+    )
 
 
 def _stage(module, out, *arguments):
@@ -81,6 +82,7 @@ def _run(script, *arguments):
 @pytest.fixture
 def drawn(tmp_path):
     """A function that runs a figure's script and returns the text of its SVG, once both files hold a picture."""
+
     def run(script, *arguments):
         png, svg = tmp_path / "figure.png", tmp_path / "figure.svg"
         assert _run(f"figures.{script}", *arguments, "--out", png, "--svg", svg) == (0, "")
@@ -90,6 +92,7 @@ def drawn(tmp_path):
         text = svg.read_text(encoding="utf-8")
         assert text.rstrip().endswith("</svg>")
         return re.sub("<metadata>.*?</metadata>", "", text, flags=re.DOTALL)  # which names the files it was drawn from
+
     return run
 
 
@@ -121,9 +124,17 @@ def test_rounded_corners(drawn, tmp_path):
 def _study(incidence, growth, end):
     flight = {"end": end, "time_s": 1.0, "distance_m": 0.1, "tilt_deg": 2.0, "bounded": end == "finished"}
     return {
-        "case": "wide", "label": "wide gaps", "incidence": incidence, "verdict": "unstable" if growth else "undecided",
-        "max_modulus": 1.0 + growth, "margin_1_s": -growth, "margin_range_1_s": [-1.5 * growth, -growth],
-        "route_difference": None, "small_flight_difference": 1e-5, "basin_share": 0.5, "paper_verdict": "unstable",
+        "case": "wide",
+        "label": "wide gaps",
+        "incidence": incidence,
+        "verdict": "unstable" if growth else "undecided",
+        "max_modulus": 1.0 + growth,
+        "margin_1_s": -growth,
+        "margin_range_1_s": [-1.5 * growth, -growth],
+        "route_difference": None,
+        "small_flight_difference": 1e-5,
+        "basin_share": 0.5,
+        "paper_verdict": "unstable",
         "paper_flight": "lost",
         "flights": {"displaced": flight, "tilted": flight},
     }
@@ -146,14 +157,29 @@ def test_conclusions_say_what_stands_and_what_changes(drawn, tmp_path):
 def test_conclusions_say_what_the_heat_of_the_gratings_does(drawn, tmp_path):
     study, heat = tmp_path / "study.json", tmp_path / "heat.json"
     flight = {
-        "absorptance": "table", "in_plane": "mass_equivalent", "intensity_W_m2": 1e9, "emissivity": 0.1,
-        "end": "finished", "time_s": 0.6, "temperature_K": 1251.6, "strain": 1.143e-3, "slack": 0.23,
-        "distance_m": 0.0836, "height_m": 65.0,
+        "absorptance": "table",
+        "in_plane": "mass_equivalent",
+        "intensity_W_m2": 1e9,
+        "emissivity": 0.1,
+        "end": "finished",
+        "time_s": 0.6,
+        "temperature_K": 1251.6,
+        "strain": 1.143e-3,
+        "slack": 0.23,
+        "distance_m": 0.0836,
+        "height_m": 65.0,
     }
-    write_json(heat, {
-        "scene": "fig6", "rings": 12, "taut": 0.01, "flights": [flight], "intensity": {**flight, "intensity_W_m2": 3e8},
-        "emissivity": {**flight, "emissivity": 0.35},
-    })
+    write_json(
+        heat,
+        {
+            "scene": "fig6",
+            "rings": 12,
+            "taut": 0.01,
+            "flights": [flight],
+            "intensity": {**flight, "intensity_W_m2": 3e8},
+            "emissivity": {**flight, "emissivity": 0.35},
+        },
+    )
     studies = [_study(kind, 0.5, "fly_away") for kind in ("yaw_blind", "sail_frame")]
     names = [study.with_name(f"{s['incidence']}.json") for s in studies]
     for name, one in zip(names, studies, strict=True):
@@ -173,19 +199,43 @@ def basins(results) -> list[Path]:
     tables = [results / "tables" / design / "modal.h5" for design in smooth_tables()]
     paths = [out / f"{incidence}.h5" for incidence in ("sail_frame", "yaw_blind")]
     for path in paths:
-        _stage(basin, path, "--scene", results / "spinning.yaml", "--tables", *tables, "--grid", grid,
-               "--incidence", path.stem)
+        _stage(
+            basin,
+            path,
+            "--scene",
+            results / "spinning.yaml",
+            "--tables",
+            *tables,
+            "--grid",
+            grid,
+            "--incidence",
+            path.stem,
+        )
     return paths
 
 
 def test_the_way(drawn, tmp_path):
-    place = {"wavelength_m": 1e-6, "margin_range_1_s": [0.5, 1.5], "growth_1_s": 0.0, "verdict": "marginally_stable",
-             "exponents_1_s": [[0.0, 700.0], [0.0, -700.0]], "time_s": 0.0, "log_growth": 0.0}
+    place = {
+        "wavelength_m": 1e-6,
+        "margin_range_1_s": [0.5, 1.5],
+        "growth_1_s": 0.0,
+        "verdict": "marginally_stable",
+        "exponents_1_s": [[0.0, 700.0], [0.0, -700.0]],
+        "time_s": 0.0,
+        "log_growth": 0.0,
+    }
     lost = place | {"margin_range_1_s": [-2.5, -1.5], "verdict": "unstable", "exponents_1_s": [[2.0, 700.0]] * 2}
     found = {
-        "scene": "own", "spin_Hz": -120.0, "beta_max": 0.2, "changes": [[0.09, 0.1]], "stable_at_start": True,
-        "lost_at_beta": 0.1, "way": [place | {"beta": 0.0, "margin_1_s": 1.0},
-                                     lost | {"beta": 0.2, "margin_1_s": -2.0, "time_s": 9e3, "log_growth": 50.0}],
+        "scene": "own",
+        "spin_Hz": -120.0,
+        "beta_max": 0.2,
+        "changes": [[0.09, 0.1]],
+        "stable_at_start": True,
+        "lost_at_beta": 0.1,
+        "way": [
+            place | {"beta": 0.0, "margin_1_s": 1.0},
+            lost | {"beta": 0.2, "margin_1_s": -2.0, "time_s": 9e3, "log_growth": 50.0},
+        ],
     }
     write_json(tmp_path / "way.json", found)
     text = drawn("way", "--way", tmp_path / "way.json")
@@ -206,8 +256,18 @@ def test_the_best_of_a_family_stand_beside_the_sail_they_vary(basins, results, t
     frame = pd.DataFrame([sail, {**sail, "te.period_nm": 1650.0, "rank": 0}])
     write_parquet(tmp_path / "screened.parquet", frame.to_parquet())
     folder = results / "scenes/spinning"
-    given = ["--family", family, "--screened", tmp_path / "screened.parquet", "--base", folder, "--csv",
-             tmp_path / "table.csv", "--markdown", tmp_path / "table.md"]
+    given = [
+        "--family",
+        family,
+        "--screened",
+        tmp_path / "screened.parquet",
+        "--base",
+        folder,
+        "--csv",
+        tmp_path / "table.csv",
+        "--markdown",
+        tmp_path / "table.md",
+    ]
     assert _run("confirmed", *given, "--candidates", folder) == (0, "")
     with open(tmp_path / "table.csv", encoding="utf-8") as stream:
         base, best = csv.DictReader(stream)
@@ -225,13 +285,22 @@ def _screened():
     te, tm = (x.ravel() for x in np.meshgrid(190 * gaps, 200 * gaps, indexing="ij"))
     te, tm = np.append(190, te), np.append(200, tm)
     margin = 2.0 - te / 190 - 0.3 * tm / 200
-    frame = pd.DataFrame({
-        "te.gap_nm": te, "tm.gap_nm": tm, "thrust_N": 0.3 + 1e-4 * te, "margin_1_s": margin, "scale": te // 100,
-        "margin_low_1_s": margin - 0.01, "margin_high_1_s": margin + 0.01, "tau_x_roll": -0.1 * margin,
-        "F_y_y": -margin,
-        "verdict": np.where(margin > 0, "marginally_stable", "unstable"), "eligible": margin > 0,
-        "rank": np.where(margin > 0, np.argsort(np.argsort(-margin)), -1),
-    })
+    frame = pd.DataFrame(
+        {
+            "te.gap_nm": te,
+            "tm.gap_nm": tm,
+            "thrust_N": 0.3 + 1e-4 * te,
+            "margin_1_s": margin,
+            "scale": te // 100,
+            "margin_low_1_s": margin - 0.01,
+            "margin_high_1_s": margin + 0.01,
+            "tau_x_roll": -0.1 * margin,
+            "F_y_y": -margin,
+            "verdict": np.where(margin > 0, "marginally_stable", "unstable"),
+            "eligible": margin > 0,
+            "rank": np.where(margin > 0, np.argsort(np.argsort(-margin)), -1),
+        }
+    )
     parameters = [f"{group}.{name}_nm" for group in ("te", "tm") for name in ("wide", "period")]
     return frame.assign(**dict.fromkeys(parameters, 500.0))
 
@@ -329,10 +398,19 @@ def test_the_summary_has_rows_of_every_kind(results, tmp_path):
 
 def _check(results, out, fdtd="fdtd", suffix="_fdtd"):
     cells, scenes = ("mark1e_te", "mark1e_tm"), ("spinning", "still")
-    return _run("checks", "--modal", *(results / f"tables/{cell}/modal.h5" for cell in cells),
-                "--fdtd", *(results / f"tables/{cell}/{fdtd}.h5" for cell in cells),
-                "--floquet", *(results / f"scenes/{scene}/floquet.json" for scene in scenes),
-                "--floquet-fdtd", *(results / f"scenes/{scene}/floquet{suffix}.json" for scene in scenes), "--out", out)
+    return _run(
+        "checks",
+        "--modal",
+        *(results / f"tables/{cell}/modal.h5" for cell in cells),
+        "--fdtd",
+        *(results / f"tables/{cell}/{fdtd}.h5" for cell in cells),
+        "--floquet",
+        *(results / f"scenes/{scene}/floquet.json" for scene in scenes),
+        "--floquet-fdtd",
+        *(results / f"scenes/{scene}/floquet{suffix}.json" for scene in scenes),
+        "--out",
+        out,
+    )
 
 
 def test_solvers_that_agree_pass_the_check(results, tmp_path):

@@ -58,7 +58,8 @@ def test_a_family_among_the_designs_is_screened_and_its_best_are_confirmed():
     assert not plan.families.keys() & plan.cells.keys()
     folder = "results/screening"
     assert plan.all_families == [
-        f"{folder}/wider_periods/screened.parquet", f"{folder}/gap_study/screened.parquet",
+        f"{folder}/wider_periods/screened.parquet",
+        f"{folder}/gap_study/screened.parquet",
         f"{folder}/wider_periods/confirmed.md",
     ]
     assert {"family_wider_periods", "confirmed_wider_periods", "family_gap_study"} <= set(plan.figures)
@@ -86,8 +87,10 @@ def _with_scene(folder: Path, name: str, design: str, **changes):
     return read_plan({**CONFIG, "fdtd": True, **changes}, folder)
 
 
-@pytest.mark.parametrize(("design", "fdtd", "again"), [("si43", False, False), ("si43", True, False),
-                                                      ("mark1e_te", False, False), ("mark1e_te", True, True)])
+@pytest.mark.parametrize(
+    ("design", "fdtd", "again"),
+    [("si43", False, False), ("si43", True, False), ("mark1e_te", False, False), ("mark1e_te", True, True)],
+)
 def test_stability_is_analysed_again_where_fdtd_solved_a_grating(tmp_path, design, fdtd, again):
     plan = _with_scene(tmp_path, "own", design, floquet=["own"], fdtd=fdtd)
     assert ("results/scenes/own/floquet_fdtd.json" in plan.all_floquet) is again

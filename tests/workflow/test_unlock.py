@@ -100,8 +100,13 @@ def surroundings(folder: Path) -> dict[str, str]:
 
 def start(folder: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        snake("--config", "fdtd=false", "--", FLIGHT), cwd=folder, env=surroundings(folder), stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        snake("--config", "fdtd=false", "--", FLIGHT),
+        cwd=folder,
+        env=surroundings(folder),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
     )
 
 
@@ -109,7 +114,12 @@ def make(folder: Path) -> tuple[int, str]:
     """As `make results`: unlock, then Snakemake."""
     command = [sys.executable, "-m", "workflow.unlock", *snake("--unlock", "--config", "fdtd=false")]
     done = subprocess.run(
-        command, cwd=folder, env=surroundings(folder), capture_output=True, text=True, check=False,
+        command,
+        cwd=folder,
+        env=surroundings(folder),
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if done.returncode:
         return done.returncode, done.stderr

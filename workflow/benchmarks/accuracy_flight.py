@@ -115,12 +115,15 @@ def markdown(found: list[Row]) -> str:
 
 
 TITLES = {
-    "time step": "time step, of the bound", "corotating": "corotating, step in µs",
-    "optics every": "optics every … steps", "heat every": "heat every … steps",
+    "time step": "time step, of the bound",
+    "corotating": "corotating, step in µs",
+    "optics every": "optics every … steps",
+    "heat every": "heat every … steps",
 }
 #: Column of a row, factor and label of what is drawn.
 ERRORS = (
-    ("error_path_m", 1e3, "place across the beam (mm)"), ("error_temperature_K", 1.0, "peak temperature (K)"),
+    ("error_path_m", 1e3, "place across the beam (mm)"),
+    ("error_temperature_K", 1.0, "peak temperature (K)"),
     ("error_strain", 100.0, "largest strain (%)"),
 )
 
@@ -133,8 +136,13 @@ def _panel(axes: Axes, points: list[tuple[float, float, str]]) -> None:
         for k, (x, y, setting) in enumerate(points):
             up = 1 - 2 * (k % 2)
             axes.annotate(
-                setting.split()[0], (x, y), xytext=(0, 5 * up), textcoords="offset points", ha="center",
-                va="bottom" if up > 0 else "top", fontsize=8,
+                setting.split()[0],
+                (x, y),
+                xytext=(0, 5 * up),
+                textcoords="offset points",
+                ha="center",
+                va="bottom" if up > 0 else "top",
+                fontsize=8,
             )
     else:
         for (x, y, setting), marker in zip(points, itertools.cycle("os^vD"), strict=False):

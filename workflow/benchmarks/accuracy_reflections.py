@@ -61,11 +61,13 @@ class Row(NamedTuple):
 def changed(scene: Scene, rings: int, rays: int, polarisation: str) -> Scene:
     """The scene on another mesh, with other rays."""
     bounced = {"rays_a_side": rays, "polarisation": polarisation}
-    return scene.model_copy(update={
-        "sail": scene.sail.model_copy(update={"rings": rings}),
-        "reflections": scene.reflections.model_copy(update=bounced),
-        "flight": scene.flight.model_copy(update={"optics_every": 1, "series_every": 1}),
-    })
+    return scene.model_copy(
+        update={
+            "sail": scene.sail.model_copy(update={"rings": rings}),
+            "reflections": scene.reflections.model_copy(update=bounced),
+            "flight": scene.flight.model_copy(update={"optics_every": 1, "series_every": 1}),
+        }
+    )
 
 
 def trace(scene: Scene, tables: dict[str, PressureTable]) -> Trace:
@@ -85,8 +87,14 @@ def trace(scene: Scene, tables: dict[str, PressureTable]) -> Trace:
         threads.respond_all(own.light, now.light, state.x, now.tearing.gone, model.stencil, work.stencil)
         begin = time.process_time()
         reflections.bounce(
-            own.reflections, now.reflections, own.light, now.light, patch(work.stencil.scratch, 0), state.x,
-            now.tearing.gone, 0.0,
+            own.reflections,
+            now.reflections,
+            own.light,
+            now.light,
+            patch(work.stencil.scratch, 0),
+            state.x,
+            now.tearing.gone,
+            0.0,
         )
         seconds.append(time.process_time() - begin)
     return Trace(force, float(hottest), min(seconds))
@@ -106,8 +114,14 @@ def row(polarisation: str, knob: str, setting: int, found: Trace, best: Trace) -
     """The errors against the best trace."""
     apart = np.abs(found.force - best.force) / best.force[2]
     return Row(
-        polarisation, knob, setting, float(apart[2]), float(np.hypot(*apart[:2])), found.hottest,
-        found.hottest - best.hottest, found.seconds,
+        polarisation,
+        knob,
+        setting,
+        float(apart[2]),
+        float(np.hypot(*apart[:2])),
+        found.hottest,
+        found.hottest - best.hottest,
+        found.seconds,
     )
 
 
@@ -115,6 +129,7 @@ def rows(scene: Scene, tables: dict[str, PressureTable]) -> Iterator[Row]:
     """Every setting of both knobs, for both polarisations."""
     trace(changed(scene, 2, 1, "mean"), tables)  # compiles
     for polarisation in POLARISATIONS:
+
         def at(rings: int, rays: int, kind: str = polarisation) -> Trace:
             return trace(changed(scene, rings, rays, kind), tables)
 

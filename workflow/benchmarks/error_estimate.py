@@ -34,12 +34,19 @@ def random_cell(rng: np.random.Generator, k: int) -> Metagrating:
         edges = np.sort(rng.uniform(0.0, period, 2 * rng.integers(1, 4)))
         if np.diff(edges, append=period + edges[0]).min() > SMALLEST:
             break
-    return Metagrating.model_validate({
-        "kind": "metagrating", "name": f"random{k}", "wavelength_nm": WAVELENGTH, "electric_axis": "rg"[k % 2],
-        "period_nm": period, "ridges_nm": np.stack([edges[::2], np.diff(edges)[::2]], axis=1).tolist(),
-        "ridge_height_nm": rng.uniform(100.0, 700.0), "membrane_nm": rng.uniform(0.0, 400.0),
-        "index": {"n": float(np.sqrt(rng.uniform(2.0, 12.0)))},
-    })
+    return Metagrating.model_validate(
+        {
+            "kind": "metagrating",
+            "name": f"random{k}",
+            "wavelength_nm": WAVELENGTH,
+            "electric_axis": "rg"[k % 2],
+            "period_nm": period,
+            "ridges_nm": np.stack([edges[::2], np.diff(edges)[::2]], axis=1).tolist(),
+            "ridge_height_nm": rng.uniform(100.0, 700.0),
+            "membrane_nm": rng.uniform(0.0, 400.0),
+            "index": {"n": float(np.sqrt(rng.uniform(2.0, 12.0)))},
+        }
+    )
 
 
 # Wavelength in nm, n, k: gold and silver of Johnson & Christy 1972 (Phys. Rev. B 6, 4370), tungsten of Ordal et al.
@@ -63,10 +70,17 @@ def metal_cell(rng: np.random.Generator, k: int) -> LamellarStack:
         layers = [{"thickness_nm": wavelength * rng.uniform(0.03, 0.3), "index": gap, "ridges": [ridge]}]
         if rng.random() < 0.5:
             layers.append({"thickness_nm": wavelength * rng.uniform(0.03, 0.2), "index": metal})
-        cell = LamellarStack.model_validate({
-            "kind": "lamellar", "name": f"{name}{k}", "wavelength_nm": wavelength, "electric_axis": "g",
-            "period_nm": period, "layers": layers, "surroundings": {"back": float(rng.choice([1.0, 1.5]))},
-        })
+        cell = LamellarStack.model_validate(
+            {
+                "kind": "lamellar",
+                "name": f"{name}{k}",
+                "wavelength_nm": wavelength,
+                "electric_axis": "g",
+                "period_nm": period,
+                "layers": layers,
+                "surroundings": {"back": float(rng.choice([1.0, 1.5]))},
+            }
+        )
         if not without_limit(cell):
             return cell
 

@@ -55,9 +55,12 @@ class Run(NamedTuple):
 def changed(scene: Scene, rings: int, duration: float, **flight: Any) -> Scene:
     """The scene on another mesh, for so long in s, with other settings of the flight."""
     settings = {"duration_s": duration, "snapshot_every_s": duration, **flight}
-    return scene.model_copy(update={
-        "sail": scene.sail.model_copy(update={"rings": rings}), "flight": scene.flight.model_copy(update=settings),
-    })
+    return scene.model_copy(
+        update={
+            "sail": scene.sail.model_copy(update={"rings": rings}),
+            "flight": scene.flight.model_copy(update=settings),
+        }
+    )
 
 
 def flown(scene: Scene, tables: Tables) -> Run:
@@ -81,7 +84,10 @@ def flown(scene: Scene, tables: Tables) -> Run:
     }
     strain = float(columns["strain_max"][after].max())
     return Run(
-        at["position"][:, :2].T, np.stack([at["pitch"], at["roll"]]), at["temperature_max"], strain,
+        at["position"][:, :2].T,
+        np.stack([at["pitch"], at["roll"]]),
+        at["temperature_max"],
+        strain,
         seconds / scene.flight.duration_s,
     )
 

@@ -152,8 +152,10 @@ def elements(base: Scene, rings: int) -> list[tuple[str, float]]:
 def effects(base: Scene, rings: int, tables: dict[str, PressureTable]) -> list[tuple[str, float]]:
     """Seconds a step with light and heat, at several intervals."""
     return [
-        (f"optics every {k}, heat every {k}, rows every {rows}",
-         step_time(scene(base, rings, flight={"optics_every": k, "heat_every": k, "series_every": rows}), tables))
+        (
+            f"optics every {k}, heat every {k}, rows every {rows}",
+            step_time(scene(base, rings, flight={"optics_every": k, "heat_every": k, "series_every": rows}), tables),
+        )
         for k, rows in ((4, 8), (16, 64), (32, 64))
     ]
 
@@ -165,9 +167,12 @@ def intervals(base: Scene) -> dict[str, Any]:
 
 #: What a material lacks for each effect.
 LACKS: dict[str, dict[str, Any]] = {
-    "absorption": {"absorptance": 0.0}, "emission": {"emissivity_front": 0.0, "emissivity_back": 0.0},
-    "conduction": {"conductivity_W_mK": 0.0}, "expansion": {"expansion_1_K": 0.0},
-    "tensile_failure": {"strength_Pa": 1e30}, "thermal_failure": {"failure_temperature_K": 1e30},
+    "absorption": {"absorptance": 0.0},
+    "emission": {"emissivity_front": 0.0, "emissivity_back": 0.0},
+    "conduction": {"conductivity_W_mK": 0.0},
+    "expansion": {"expansion_1_K": 0.0},
+    "tensile_failure": {"strength_Pa": 1e30},
+    "thermal_failure": {"failure_temperature_K": 1e30},
 }
 
 
@@ -188,8 +193,10 @@ def switched_off(base: Scene, rings: int, repeats: int = 40) -> list[tuple[str, 
         least = [math.inf, math.inf]
         for _ in range(PLACES):
             pair = [
-                started(scene(base, rings, sail={**films(base, **material), "rings": rings}, **calm,
-                              effects={name: value}), {})
+                started(
+                    scene(base, rings, sail={**films(base, **material), "rings": rings}, **calm, effects={name: value}),
+                    {},
+                )
                 for material, value in (({}, False), (lacks, None))
             ]
             for _ in range(repeats):

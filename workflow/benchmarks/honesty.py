@@ -42,8 +42,12 @@ DIELECTRIC = (1.45, 2.0, 2.4, 3.5)
 ABSORBING = (2.0 + 0.01j, 3.5 + 0.1j, 1.7 + 0.3j)
 METAL = (0.22 + 7.1j, 0.26 + 6.97j, 3.05 + 3.39j)
 MATERIALS = {"dielectric": DIELECTRIC, "absorbing": ABSORBING, "metal": METAL}
-KINDS = (*((kind, shape) for kind in MATERIALS for shape in ("lamellar", "profile")), ("dielectric", "film"),
-         ("absorbing", "film"), ("metal", "film"))
+KINDS = (
+    *((kind, shape) for kind in MATERIALS for shape in ("lamellar", "profile")),
+    ("dielectric", "film"),
+    ("absorbing", "film"),
+    ("metal", "film"),
+)
 RANGE = 0.2
 ROWS, LINES = 20, 10  # of random directions
 SECONDS = 3600  # a table may take at most, whatever was foreseen
@@ -80,7 +84,8 @@ def _layers(rng: np.random.Generator, kind: str, period: float) -> list[dict[str
     count, out = int(rng.integers(1, 5)), []
     for i in range(count):
         layer: dict[str, Any] = {
-            "thickness_nm": WAVELENGTH * rng.uniform(0.05, 0.6), "index": _index(rng.choice([1.0, *DIELECTRIC])),
+            "thickness_nm": WAVELENGTH * rng.uniform(0.05, 0.6),
+            "index": _index(rng.choice([1.0, *DIELECTRIC])),
         }
         if i == 0 or rng.random() < 0.5:
             cuts = period * np.sort(rng.uniform(0.0, 1.0, 2 * int(rng.integers(1, 3))))
@@ -124,8 +129,10 @@ def random_cell(rng: np.random.Generator, k: int) -> dict[str, Any]:
 def _made(path: Path, cell: dict[str, Any], tolerance: float, most_minutes: float) -> tuple[str, PressureTable | None]:
     """What the command line says of a cell, in a word or in its own, and its table."""
     film = cell["kind"] == "thin_film"
-    module, ranges = ("optics.thin_film", ["--u-max", "0.9"]) if film else (
-        "optics.modal", ["--u-max", str(RANGE), "--v-max", str(RANGE), "--most-minutes", str(most_minutes)]
+    module, ranges = (
+        ("optics.thin_film", ["--u-max", "0.9"])
+        if film
+        else ("optics.modal", ["--u-max", str(RANGE), "--v-max", str(RANGE), "--most-minutes", str(most_minutes)])
     )
     out = path.with_suffix(".h5")
     command = [sys.executable, "-m", module, "--cell", str(path), "--out", str(out), "--tolerance", str(tolerance)]
@@ -163,9 +170,7 @@ def _film_truth(film: ThinFilm, s: Floats) -> tuple[Floats, Floats]:
     return q, np.full(s.shape, 1e-9)
 
 
-def judge(
-    path: Path, cell: dict[str, Any], tolerance: float, most_minutes: float, rng: np.random.Generator
-) -> Outcome:
+def judge(path: Path, cell: dict[str, Any], tolerance: float, most_minutes: float, rng: np.random.Generator) -> Outcome:
     """Make the table of a cell and look at it."""
     said, table = _made(path, cell, tolerance, most_minutes)
     if table is None:
@@ -182,9 +187,15 @@ def judge(
     error, stated = np.abs(table.q(u, v) - q).max(axis=-1), table.stated_error(u, v)
     sure = np.maximum(error - unsure, 0.0)
     return Outcome(
-        cell["name"], said, float((sure <= tolerance).mean()), float((sure <= stated).mean()),
-        float((stated > 10 * (error + unsure)).mean()), float(error.max()), float(table.error.max()),
-        float(np.median(unsure)), float(table.attrs["cpu_seconds"]),
+        cell["name"],
+        said,
+        float((sure <= tolerance).mean()),
+        float((sure <= stated).mean()),
+        float((stated > 10 * (error + unsure)).mean()),
+        float(error.max()),
+        float(table.error.max()),
+        float(np.median(unsure)),
+        float(table.attrs["cpu_seconds"]),
     )
 
 
@@ -212,9 +223,14 @@ def _line(one: Outcome) -> str:
 def _total(every: list[Outcome]) -> str:
     made = [one for one in every if np.isfinite(one.within)]
     met = [one for one in made if one.said == "met"]
-    shares = [np.mean([getattr(one, name) for one in group]) if group else np.nan for group, name in (
-        (met, "within"), (made, "covered"), (made, "over_ten"),
-    )]
+    shares = [
+        np.mean([getattr(one, name) for one in group]) if group else np.nan
+        for group, name in (
+            (met, "within"),
+            (made, "covered"),
+            (made, "over_ten"),
+        )
+    ]
     return (
         f"{len(every)} cells: {len(met)} met, {len(made) - len(met)} missed, {len(every) - len(made)} refused or not "
         f"ended; within tolerance where met {shares[0]:.2%}, covered {shares[1]:.2%}, over ten times {shares[2]:.1%}, "
@@ -233,8 +249,11 @@ def main() -> None:
     parser.add_argument("--most-minutes", type=float, default=5.0, help="CPU minutes that a table may take")
     parser.add_argument("--out", type=Path, help="CSV to write")
     given = parser.parse_args()
-    print(f"{'cell':24s} {'within':>8s} {'covered':>8s} {'over 10 x':>9s} {'largest':>9s} {'stated':>9s} "
-          f"{'unsure':>9s} {'CPU s':>8s}  said", flush=True)
+    print(
+        f"{'cell':24s} {'within':>8s} {'covered':>8s} {'over 10 x':>9s} {'largest':>9s} {'stated':>9s} "
+        f"{'unsure':>9s} {'CPU s':>8s}  said",
+        flush=True,
+    )
     every = []
     for one in outcomes(given.seed, range(given.first, given.cells), given.tolerance, given.most_minutes, given.only):
         every.append(one)

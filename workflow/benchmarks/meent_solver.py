@@ -32,9 +32,19 @@ def solve(cell: Metagrating, directions: Iterable[tuple[float, float]], order: i
     index, thickness = raster(stack), [layer.thickness_nm for layer in stack.layers]
     return [
         meent.call_mee(
-            backend=0, pol=1, n_top=1, n_bot=1, theta=np.arcsin(np.hypot(u, v)), phi=np.arctan2(v, u),
-            fto=[order, 0], wavelength=cell.wavelength_nm, period=[cell.period_nm], ucell=index, thickness=thickness,
-            fourier_type=1, enhanced_dfs=True,
+            backend=0,
+            pol=1,
+            n_top=1,
+            n_bot=1,
+            theta=np.arcsin(np.hypot(u, v)),
+            phi=np.arctan2(v, u),
+            fto=[order, 0],
+            wavelength=cell.wavelength_nm,
+            period=[cell.period_nm],
+            ucell=index,
+            thickness=thickness,
+            fourier_type=1,
+            enhanced_dfs=True,
         ).conv_solve()
         for u, v in directions
     ]

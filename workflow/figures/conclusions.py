@@ -17,9 +17,25 @@ from workflow.figures.drawing import BLUE, ORANGE, parser, save
 MODELS = {"yaw_blind": "yaw-blind", "sail_frame": "true"}
 RELEASES = {"displaced": "displaced", "tilted": "displaced and tilted"}
 COLUMNS = (
-    "case", "incidence", "paper_verdict", "verdict", "max_modulus", "margin_1_s", "margin_low_1_s", "margin_high_1_s",
-    "route_difference", "small_flight_difference", "paper_flight", "displaced_end", "displaced_time_s",
-    "displaced_distance_m", "displaced_tilt_deg", "tilted_end", "tilted_time_s", "tilted_distance_m", "tilted_tilt_deg",
+    "case",
+    "incidence",
+    "paper_verdict",
+    "verdict",
+    "max_modulus",
+    "margin_1_s",
+    "margin_low_1_s",
+    "margin_high_1_s",
+    "route_difference",
+    "small_flight_difference",
+    "paper_flight",
+    "displaced_end",
+    "displaced_time_s",
+    "displaced_distance_m",
+    "displaced_tilt_deg",
+    "tilted_end",
+    "tilted_time_s",
+    "tilted_distance_m",
+    "tilted_tilt_deg",
     "basin_share",
 )
 Study = dict[str, Any]
@@ -29,7 +45,9 @@ def row(study: Study) -> dict[str, Any]:
     """One line of the table: a case with one incidence model."""
     low, high = study["margin_range_1_s"]
     out = {
-        **{key: study[key] for key in COLUMNS if key in study}, "case": study["label"], "margin_low_1_s": low,
+        **{key: study[key] for key in COLUMNS if key in study},
+        "case": study["label"],
+        "margin_low_1_s": low,
         "margin_high_1_s": high,
     }
     for release in RELEASES:
@@ -64,7 +82,8 @@ def conclusion(blind: Study, true: Study) -> str:
     label, said, flown = true["label"], true["paper_verdict"], true["paper_flight"]
     parts = []
     for what, paper, without, with_ in (
-        ("linear stability", said, blind["verdict"], true["verdict"]), ("flight", flown, _flies(blind), _flies(true)),
+        ("linear stability", said, blind["verdict"], true["verdict"]),
+        ("flight", flown, _flies(blind), _flies(true)),
     ):
         found = with_.replace("_", " ")
         if paper is None:
@@ -107,8 +126,15 @@ def markdown(pairs: list[tuple[Study, Study]]) -> str:
     out = ["# What is left of the paper's conclusions with the true incidence", "", WHY, "## Conclusions", ""]
     out += [conclusion(blind, true) for blind, true in pairs]
     head = (
-        "case", "incidence", "verdict", "largest modulus", "margin 1/s", "routes differ by",
-        "ten turns flown differ by", *RELEASES.values(), "basin",
+        "case",
+        "incidence",
+        "verdict",
+        "largest modulus",
+        "margin 1/s",
+        "routes differ by",
+        "ten turns flown differ by",
+        *RELEASES.values(),
+        "basin",
     )
     out += ["", "## Numbers", "", f"| {' | '.join(head)} |", "|" + " --- |" * len(head)]
     for pair in pairs:
@@ -116,9 +142,14 @@ def markdown(pairs: list[tuple[Study, Study]]) -> str:
             low, high = study["margin_range_1_s"]
             margin = f"{study['margin_1_s']:.3g} ({low:.3g} … {high:.3g})"
             cells = (
-                study["label"], MODELS[study["incidence"]], study["verdict"].replace("_", " "),
-                f"{study['max_modulus']:.5f}", margin, _small(study["route_difference"]),
-                _small(study["small_flight_difference"]), *(_flight(study, release) for release in RELEASES),
+                study["label"],
+                MODELS[study["incidence"]],
+                study["verdict"].replace("_", " "),
+                f"{study['max_modulus']:.5f}",
+                margin,
+                _small(study["route_difference"]),
+                _small(study["small_flight_difference"]),
+                *(_flight(study, release) for release in RELEASES),
                 f"{study['basin_share']:.0%}",
             )
             out.append(f"| {' | '.join(cells)} |")
@@ -137,22 +168,47 @@ alone. Slack is where the model without bending stiffness wrinkles; the temperat
 
 def heat_section(heat: Study) -> list[str]:
     """What the absorptance of the gratings does to the sail, as lines of Markdown."""
-    head = ("absorptance of", "tension carried by", "beam, GW/m²", "emissivity of a face", "end", "peak temperature, K",
-            "largest strain, %", "slack, % of the area", "largest distance, mm", "height at the end, m")
+    head = (
+        "absorptance of",
+        "tension carried by",
+        "beam, GW/m²",
+        "emissivity of a face",
+        "end",
+        "peak temperature, K",
+        "largest strain, %",
+        "slack, % of the area",
+        "largest distance, mm",
+        "height at the end, m",
+    )
     rows = [*heat["flights"], *(heat[name] for name in ("intensity", "emissivity") if name in heat)]
     out = ["", "## Heat", "", HEAT.format(**heat), f"| {' | '.join(head)} |", "|" + " --- |" * len(head)]
     for row in rows:
-        out.append("| " + " | ".join((
-            ABSORBS[row["absorptance"]], CARRIES[row["in_plane"]], f"{row['intensity_W_m2'] / 1e9:.3g}",
-            f"{row['emissivity']:.3g}", row["end"].replace("_", " "), f"{row['temperature_K']:.0f}",
-            f"{100 * row['strain']:.3f}", f"{100 * row['slack']:.3g}", f"{1e3 * row['distance_m']:.2f}",
-            f"{row['height_m']:.2f}",
-        )) + " |")
+        out.append(
+            "| "
+            + " | ".join(
+                (
+                    ABSORBS[row["absorptance"]],
+                    CARRIES[row["in_plane"]],
+                    f"{row['intensity_W_m2'] / 1e9:.3g}",
+                    f"{row['emissivity']:.3g}",
+                    row["end"].replace("_", " "),
+                    f"{row['temperature_K']:.0f}",
+                    f"{100 * row['strain']:.3f}",
+                    f"{100 * row['slack']:.3g}",
+                    f"{1e3 * row['distance_m']:.2f}",
+                    f"{row['height_m']:.2f}",
+                )
+            )
+            + " |"
+        )
     if "intensity" in heat:
         beam, face = heat["intensity"]["intensity_W_m2"] / 1e9, heat["emissivity"]["emissivity"]
-        out += ["", f"Heated by its gratings and held by the film of equal mass, the sail is taut again (less than "
-                f"{100 * heat['taut']:g} % slack) in a beam of {beam:.2g} GW/m², or with an emissivity of {face:.2g} a "
-                "face: the last two rows."]
+        out += [
+            "",
+            f"Heated by its gratings and held by the film of equal mass, the sail is taut again (less than "
+            f"{100 * heat['taut']:g} % slack) in a beam of {beam:.2g} GW/m², or with an emissivity of {face:.2g} a "
+            "face: the last two rows.",
+        ]
     return out
 
 

@@ -27,10 +27,19 @@ WATCH = Stopwatch()
 BLUE, ORANGE, GREEN, PURPLE, SKY, RED = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED, "black")
 
-plt.rcParams.update({
-    "font.size": 9, "axes.titlesize": 9, "axes.grid": True, "grid.alpha": 0.3, "legend.fontsize": 8,
-    "figure.dpi": 150, "figure.constrained_layout.use": True, "svg.fonttype": "none", "svg.hashsalt": "beamrider",
-})
+plt.rcParams.update(
+    {
+        "font.size": 9,
+        "axes.titlesize": 9,
+        "axes.grid": True,
+        "grid.alpha": 0.3,
+        "legend.fontsize": 8,
+        "figure.dpi": 150,
+        "figure.constrained_layout.use": True,
+        "svg.fonttype": "none",
+        "svg.hashsalt": "beamrider",
+    }
+)
 
 
 def named(text: str) -> tuple[str, Path]:

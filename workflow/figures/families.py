@@ -142,15 +142,20 @@ def draw_tolerances(screened: pd.DataFrame) -> Figure:
         interval = [binomtest(int(k), int(n)).proportion_ci(0.95, "wilson") for k, n in counts.to_numpy()]
         value = (counts["sum"] / counts["count"]).to_numpy()
         error = np.abs(np.array([(low, high) for low, high in interval]).T - value)
-        share.errorbar(counts.index, 100 * value, 100 * error, marker="o", color=colour, capsize=3,
-                       label=verdict.replace("_", " "))
+        share.errorbar(
+            counts.index, 100 * value, 100 * error, marker="o", color=colour, capsize=3, label=verdict.replace("_", " ")
+        )
     share.set(xscale="log", xlabel=SCALE, ylabel="sails (%)", title="share of sails, with Wilson's 95 % interval")
     share.legend()
     scales = sorted(members["scale"].unique())
     share.set_xticks(scales, [f"{s:g}" for s in scales])
     share.minorticks_off()
-    margin.boxplot([members.loc[members["scale"] == s, "margin_1_s"].dropna() for s in scales], whis=(5, 95),
-                   showfliers=False, tick_labels=[f"{s:g}" for s in scales])
+    margin.boxplot(
+        [members.loc[members["scale"] == s, "margin_1_s"].dropna() for s in scales],
+        whis=(5, 95),
+        showfliers=False,
+        tick_labels=[f"{s:g}" for s in scales],
+    )
     margin.axhline(float(screened["margin_1_s"].iloc[0]), color=RED, lw=0.8, label="without errors")
     margin.axhline(0.0, color="0.3", lw=0.8)
     margin.set(xlabel=SCALE, ylabel="margin (1/s)", title="median, quartiles, 5 and 95 %")

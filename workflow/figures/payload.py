@@ -31,9 +31,7 @@ def loaded(scene: Scene, mass: float, depth: float, given: argparse.Namespace) -
     """The scene with a mass in kg so many m behind the middle, on an even ring of the given tethers."""
     angles = 2.0 * np.pi * np.arange(LINES) / LINES
     places = given.radius * np.column_stack([np.cos(angles), np.sin(angles)])
-    lines = [
-        {"to_m": place, "stiffness_N_m": given.stiffness, "damping_s": given.damping} for place in places.tolist()
-    ]
+    lines = [{"to_m": place, "stiffness_N_m": given.stiffness, "damping_s": given.damping} for place in places.tolist()]
     payload = [{"mass_kg": mass, "position_m": [0.0, 0.0, -depth], "tethers": lines}]
     return Scene.model_validate(scene.model_dump() | {"payload": payload})
 
@@ -97,8 +95,10 @@ def draw(sweep: Sweep, mass_g: float) -> Figure:
     left.axhline(sweep.margin(sweep.alone), color="0.4", ls="--", lw=1, label="sail alone")
     left.axhline(0.0, color="0.4", lw=0.8)
     left.set(
-        xscale="log", xlabel="distance behind the sail (m)",
-        ylabel="margin (1/s); × below 0: motions grow", title="how far motions are from meeting",
+        xscale="log",
+        xlabel="distance behind the sail (m)",
+        ylabel="margin (1/s); × below 0: motions grow",
+        title="how far motions are from meeting",
     )
     left.legend(frameon=False, loc="upper center", ncols=3)
     left.set_ylim(top=1.25 * left.get_ylim()[1])
@@ -108,8 +108,11 @@ def draw(sweep: Sweep, mass_g: float) -> Figure:
     for value in sweep.frequencies(sweep.alone) - sweep.spin_Hz:
         right.axhline(value, color=BLUE, lw=0.8)
     right.set(
-        xscale="log", ylim=(-WINDOW, WINDOW), xlabel="distance behind the sail (m)",
-        ylabel="frequency in turning axes, less the spin (Hz)", title=f"{mass_g:g} g (dots), sail alone (lines)",
+        xscale="log",
+        ylim=(-WINDOW, WINDOW),
+        xlabel="distance behind the sail (m)",
+        ylabel="frequency in turning axes, less the spin (Hz)",
+        title=f"{mass_g:g} g (dots), sail alone (lines)",
     )
     return figure
 

@@ -33,8 +33,12 @@ Tables = dict[str, PressureTable]
 NOMINAL = 90.0  # the cells are made for E along body y
 ANGLES = np.arange(0.0, 180.0, 15.0)
 AZIMUTHS = np.radians(np.arange(0.0, 360.0, 15.0))
-POSES = {"5 cm off, level": (0.05, 0.0), "centred, 2° tilt": (0.0, 2.0), "5 cm off, 2° tilt": (0.05, 2.0),
-         "5 cm off, 4° tilt": (0.05, 4.0)}
+POSES = {
+    "5 cm off, level": (0.05, 0.0),
+    "centred, 2° tilt": (0.0, 2.0),
+    "5 cm off, 2° tilt": (0.05, 2.0),
+    "5 cm off, 4° tilt": (0.05, 4.0),
+}
 NEAR = 0.02  # Hz off the spin of release
 DURATION = 15.0  # s, for slow slips to show
 START = 30.0  # degrees between the sail and the polarisation at release, for one that does not start aligned
@@ -84,9 +88,12 @@ class Beam:
 def beams(spin: float) -> dict[str, Beam]:
     """The beams that are flown, by name."""
     return {
-        "with the sail": Beam(None), f"at {spin:g} Hz, as the sail at release": Beam(spin),
-        f"the same, {START:g}° ahead at release": Beam(spin, START), f"at {spin + NEAR:g} Hz": Beam(spin + NEAR),
-        f"at {spin - NEAR:g} Hz": Beam(spin - NEAR), "fixed in the lab": Beam(0.0),
+        "with the sail": Beam(None),
+        f"at {spin:g} Hz, as the sail at release": Beam(spin),
+        f"the same, {START:g}° ahead at release": Beam(spin, START),
+        f"at {spin + NEAR:g} Hz": Beam(spin + NEAR),
+        f"at {spin - NEAR:g} Hz": Beam(spin - NEAR),
+        "fixed in the lab": Beam(0.0),
     }
 
 
@@ -99,8 +106,12 @@ def _torques(axes: Axes, scene: Scene, tables: Tables) -> list[list[str]]:
         mean, rms = torque.mean(axis=(1, 2)), float(np.sqrt((torque**2).mean()))
         amplitude = 2.0 * float((mean * np.sin(2.0 * np.radians(ANGLES))).mean())
         axes.plot(ANGLES, 1e9 * mean, "o", color=colour, ms=4)
-        axes.plot(fine, 1e9 * amplitude * np.sin(2.0 * np.radians(fine)), color=colour,
-                  label=f"{name}; at one azimuth {1e9 * rms:,.0f}")
+        axes.plot(
+            fine,
+            1e9 * amplitude * np.sin(2.0 * np.radians(fine)),
+            color=colour,
+            label=f"{name}; at one azimuth {1e9 * rms:,.0f}",
+        )
         period = 2.0 * np.pi * np.sqrt(inertia / (2.0 * amplitude)) if amplitude > 1e-6 * rms else np.inf
         lines.append([name, *(f"{x:.3g}" for x in (amplitude, rms, period))])
     axes.axhline(0.0, color="0.3", lw=0.8)

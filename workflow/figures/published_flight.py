@@ -30,18 +30,27 @@ GREY = "0.6"
 TEMPERATURES = {"max": RED, "mean": GREEN, "min": PURPLE}
 #: Panels of series: quantity on the axis, its columns with factor and colour, labels.
 PANELS = (
-    ("pitch (°)", (("pitch", 57.29578, None),)), ("roll (°)", (("roll", 57.29578, None),)),
+    ("pitch (°)", (("pitch", 57.29578, None),)),
+    ("roll (°)", (("roll", 57.29578, None),)),
     ("temperature (K)", tuple((f"temperature_{name}", 1.0, colour) for name, colour in TEMPERATURES.items())),
     ("largest strain (%)", (("strain_max", 100.0, None),)),
 )
 PEAKS = {"peak temperature": ("temperature (K)", 1.0), "largest strain": ("largest strain (%)", 100.0)}
-ROWS = {"temperature_max_triangles": ("temperature (K)", 1.0), "temperature_mean": ("temperature (K)", 1.0),
-        "strain_max": ("largest strain (%)", 100.0)}
+ROWS = {
+    "temperature_max_triangles": ("temperature (K)", 1.0),
+    "temperature_mean": ("temperature (K)", 1.0),
+    "strain_max": ("largest strain (%)", 100.0),
+}
 
 
 #: Units of the published numbers in words.
-UNITS = {"largest distance from the axis": " m", "largest tilt": "°", "peak temperature": " K",
-         "highest temperature of the coldest point": " K", "speed at the end": " m/s"}
+UNITS = {
+    "largest distance from the axis": " m",
+    "largest tilt": "°",
+    "peak temperature": " K",
+    "highest temperature of the coldest point": " K",
+    "speed at the end": " m/s",
+}
 
 
 def _optics(source: str, flown: FlightResult) -> str:

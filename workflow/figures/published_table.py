@@ -33,7 +33,11 @@ class Row(NamedTuple):
 
 #: What is told of every flight, whether the paper gives it or not.
 ALWAYS: tuple[Quantity, ...] = (
-    "outcome", "largest distance from the axis", "largest tilt", "peak temperature", "largest strain",
+    "outcome",
+    "largest distance from the axis",
+    "largest tilt",
+    "peak temperature",
+    "largest strain",
 )
 
 

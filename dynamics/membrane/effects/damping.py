@@ -70,7 +70,9 @@ def work(model: Model) -> DampingWork:
     t, n = model.effects.damping.time.size, model.effects.damping.per_mass.size
     m = model.effects.springs.start.size if t else 0
     return DampingWork(
-        pull=np.zeros((3, 2 * m + 1 if t else 0)), rate=np.zeros(m), tension=np.zeros(3 * t + 1 if t else 0),
+        pull=np.zeros((3, 2 * m + 1 if t else 0)),
+        rate=np.zeros(m),
+        tension=np.zeros(3 * t + 1 if t else 0),
         force=np.zeros((3, n)),
     )
 
@@ -86,8 +88,14 @@ def accelerate(model: Model, work: WorkSpace, x: Floats, v: Floats, t: float) ->
     """Add what the triangles resist their motion with."""
     if model.effects.damping.time.size > 0:
         resist(
-            model.effects.damping, model.effects.sheet, work.effects.sheet, model.effects.springs,
-            work.effects.damping, x, v, work.acceleration,
+            model.effects.damping,
+            model.effects.sheet,
+            work.effects.sheet,
+            model.effects.springs,
+            work.effects.damping,
+            x,
+            v,
+            work.acceleration,
         )
 
 
@@ -115,7 +123,13 @@ def _tighten(tau: Floats, sheet: Sheet, modulus: Floats, shear: Floats, rate: Fl
 
 @standalone()
 def resist(
-    damping: Damping, sheet: Sheet, elastic: SheetWork, springs: Springs, work: DampingWork, x: Floats, v: Floats,
+    damping: Damping,
+    sheet: Sheet,
+    elastic: SheetWork,
+    springs: Springs,
+    work: DampingWork,
+    x: Floats,
+    v: Floats,
     acceleration: Floats,
 ) -> None:
     """Add to acceleration (3, n) in m/s² what triangles with nodes x resist the motion v (3, n) with."""

@@ -66,12 +66,16 @@ def build(setup: Setup) -> Holder:
     acts = bool(nodes.size or gravity.any() or shaking or held.drag_1_s)
     ends = mesh.nodes[nodes] - masses @ mesh.nodes / masses.sum()
     return Holder(
-        acts=acts, nodes=unsigned(nodes), stiffness=found.stiffness,
+        acts=acts,
+        nodes=unsigned(nodes),
+        stiffness=found.stiffness,
         anchor=np.ascontiguousarray(mounted(scene, ends.T)),
-        pull=np.ascontiguousarray(mounted(scene, pull) - mounted(scene, np.zeros((3, 1)))), gravity=gravity,
+        pull=np.ascontiguousarray(mounted(scene, pull) - mounted(scene, np.zeros((3, 1)))),
+        gravity=gravity,
         shaking=np.array(shaking.acceleration_m_s2) if shaking else none,
         rate=2.0 * math.pi * shaking.frequency_Hz if shaking else 0.0,
-        phase=math.radians(shaking.phase_deg) if shaking else 0.0, drag=held.drag_1_s,
+        phase=math.radians(shaking.phase_deg) if shaking else 0.0,
+        drag=held.drag_1_s,
         per_mass=only_if(acts, 1.0 / inertial(scene, mesh, masses)),
     )
 

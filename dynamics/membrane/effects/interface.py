@@ -35,6 +35,7 @@ Plan = dict[str, Decision]
 #: From a scene and what is decided so far to the decision about an effect.
 Decide = Callable[[Scene, Plan], Decision]
 
+
 def needs_heat(decide: Decide) -> Decide:
     """The same, off where no heat comes or goes."""
 

@@ -42,7 +42,10 @@ NAME = "light"
 COST = "a pass over all triangles every flight.optics_every steps, and a force on each triangle in every step"
 #: Force and torque, about the centre of mass, are those of the held light.
 COLUMNS = {
-    "power_incident": (1, "W"), "power_absorbed": (1, "W"), "force": (3, "N"), "torque": (3, "N m"),
+    "power_incident": (1, "W"),
+    "power_absorbed": (1, "W"),
+    "force": (3, "N"),
+    "torque": (3, "N m"),
     "outside_table": (1, "1"),
 }
 _INCIDENT, _ABSORBED, _FORCE, _TORQUE, _OUTSIDE = starts(COLUMNS)
@@ -121,16 +124,23 @@ def build(setup: Setup) -> LightPressure:
     g = directions(mesh.nodes[mesh.triangles].mean(axis=1), mesh.sector, scene.sail).T[:2]
     return LightPressure(
         corners=unsigned(mesh.triangles.T) if on else np.empty((3, 0), np.uint32),
-        cos_across=only_if(on, mesh.cos_across), sin_across=only_if(on, mesh.sin_across),
+        cos_across=only_if(on, mesh.cos_across),
+        sin_across=only_if(on, mesh.sin_across),
         rest_g=np.array(g if scene.incidence == "yaw_blind" else g[:, :0], order="C"),
         absorptance=only_if(on, absorptance),
         reflectance=only_if(on, np.array([r.reflectance or 0.0 for r in regions])[mesh.sector]),
         tables=concatenated(
             [setup.tables[design].arrays(nearest) for design in scene.sail.designs] if on else [], nearest
         ),
-        ranges=_ranges(scene, mesh), intensity=scene.beam.intensity_W_m2, profile=pack(scene.beam.spots, 3.0),
-        wander=scene.beam.wander, delay=scene.beam.delay_s, rise=scene.beam.rise_s, on=scene.beam.on_s,
-        yaw_blind=scene.incidence == "yaw_blind", clamp=scene.outside_table == "clamp",
+        ranges=_ranges(scene, mesh),
+        intensity=scene.beam.intensity_W_m2,
+        profile=pack(scene.beam.spots, 3.0),
+        wander=scene.beam.wander,
+        delay=scene.beam.delay_s,
+        rise=scene.beam.rise_s,
+        on=scene.beam.on_s,
+        yaw_blind=scene.incidence == "yaw_blind",
+        clamp=scene.outside_table == "clamp",
     )
 
 
@@ -139,8 +149,12 @@ def work(model: Model) -> HeldLight:
     light = model.effects.light
     t, changes = light.absorptance.size, model.effects.properties.absorption.region.size > 0
     return HeldLight(
-        incident=np.zeros(t), absorbed=np.zeros(t), outside=np.zeros(3, np.int64), direction=np.zeros(2),
-        total=np.zeros(3), absorptance=own(light.absorptance, changes),
+        incident=np.zeros(t),
+        absorbed=np.zeros(t),
+        outside=np.zeros(3, np.int64),
+        direction=np.zeros(2),
+        total=np.zeros(3),
+        absorptance=own(light.absorptance, changes),
     )
 
 
@@ -160,7 +174,12 @@ def _frames(patch: Patch, at: int, n: int) -> None:
     """First eight rows of the frame of n triangles from place `at` of the patch on."""
     e, frame, end = patch.sides, patch.frame, at + n
     a0, a1, a2, b0, b1, b2 = (
-        e[0, at:end], e[1, at:end], e[2, at:end], e[3, at:end], e[4, at:end], e[5, at:end],
+        e[0, at:end],
+        e[1, at:end],
+        e[2, at:end],
+        e[3, at:end],
+        e[4, at:end],
+        e[5, at:end],
     )
     n0, n1, n2, double = frame[0, at:end], frame[1, at:end], frame[2, at:end], frame[3, at:end]
     inverse, lean, first_z, aside_z = frame[4, at:end], frame[5, at:end], frame[6, at:end], frame[7, at:end]
@@ -309,8 +328,17 @@ def _hold(light: LightPressure, work: HeldLight, patch: Patch, begin: int, at: i
 
 @standalone()
 def respond(
-    light: LightPressure, work: HeldLight, patch: Patch, layout: Stencil, x: Floats, gone: Integers, first: int,
-    last: int, found: Integers, seen: Floats, held: Floats,
+    light: LightPressure,
+    work: HeldLight,
+    patch: Patch,
+    layout: Stencil,
+    x: Floats,
+    gone: Integers,
+    first: int,
+    last: int,
+    found: Integers,
+    seen: Floats,
+    held: Floats,
 ) -> None:
     """Light on the triangles first … last at nodes x (3, n): power, and coefficients into held (f, 3, p).
 
@@ -362,8 +390,15 @@ def force(light: LightPressure, layout: Stencil, held: Floats, x: Floats, i: int
     k, f = layout.cells[i] % size, layout.cells[i] // size
     p, q, s = light.corners[turn, i], light.corners[(turn + 1) % 3, i], light.corners[(turn + 2) % 3, i]
     return turned(
-        held[f, 0, k], held[f, 1, k], held[f, 2, k], x[0, q] - x[0, p], x[1, q] - x[1, p], x[2, q] - x[2, p],
-        x[0, s] - x[0, p], x[1, s] - x[1, p], x[2, s] - x[2, p],
+        held[f, 0, k],
+        held[f, 1, k],
+        held[f, 2, k],
+        x[0, q] - x[0, p],
+        x[1, q] - x[1, p],
+        x[2, q] - x[2, p],
+        x[0, s] - x[0, p],
+        x[1, s] - x[1, p],
+        x[2, s] - x[2, p],
     )
 
 

@@ -52,7 +52,9 @@ def polariser(setup: Setup, on: bool) -> Polariser:
     films = [part for design in scene.sail.designs if tracked for part in setup.tables[design].amplitude_arrays()]
     arms = masses * centred(setup.mesh, masses)[:, :2].T
     return Polariser(
-        tracked=tracked, films=concatenated(films, False), angle=math.radians(beam.polarisation_deg),
+        tracked=tracked,
+        films=concatenated(films, False),
+        angle=math.radians(beam.polarisation_deg),
         rate=2.0 * math.pi * beam.polarisation_Hz,
         arms=np.array(arms if tracked and beam.polarisation == "sail" else arms[:, :0], order="C"),
     )
@@ -130,8 +132,10 @@ def reflect(response: Film, d: Floats, n: Floats, field: Floats) -> tuple[float,
     p2 -= twice * (s0 * n[1] - s1 * n[0])
     scale = 1.0 / math.sqrt(of_s + of_p)
     after = (
-        scale * (s_re * es_re - s_im * es_im), scale * (p_re * ep_re - p_im * ep_im),
-        scale * (s_re * es_im + s_im * es_re), scale * (p_re * ep_im + p_im * ep_re),
+        scale * (s_re * es_re - s_im * es_im),
+        scale * (p_re * ep_re - p_im * ep_im),
+        scale * (s_re * es_im + s_im * es_re),
+        scale * (p_re * ep_im + p_im * ep_re),
     )
     for k in range(2):
         s, p = after[2 * k], after[2 * k + 1]

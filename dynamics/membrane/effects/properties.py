@@ -86,8 +86,11 @@ def _curve(
     starts = np.cumsum([0, *(kelvin.size for kelvin, _ in pairs)])
     numbers = [k if c or not only_changing else -1 for k, c in enumerate(changing)]
     return PropertyCurve(
-        np.array(numbers)[mesh.sector], starts, np.concatenate([kelvin for kelvin, _ in pairs]),
-        np.concatenate([value for _, value in pairs]), np.ascontiguousarray(weight),
+        np.array(numbers)[mesh.sector],
+        starts,
+        np.concatenate([kelvin for kelvin, _ in pairs]),
+        np.concatenate([value for _, value in pairs]),
+        np.ascontiguousarray(weight),
     )
 
 
@@ -119,11 +122,16 @@ def build(setup: Setup) -> PropertyCurves:
     expands = setup.on("expansion") and flight.expansion_1_K is None
     expansion = _curve(expands, scene, mesh, ("expansion_1_K",), np.ones(len(mesh.sector)), True)
     conduction = _curve(
-        setup.on("conduction"), scene, mesh, ("conductivity_W_mK",),
-        (0.5 * cotangents(mesh) * thickness[:, None]).ravel(), False,
+        setup.on("conduction"),
+        scene,
+        mesh,
+        ("conductivity_W_mK",),
+        (0.5 * cotangents(mesh) * thickness[:, None]).ravel(),
+        False,
     )
     for curve, key, needed in (
-        (expansion, "stiffness", "triangles"), (conduction, "conductance", "cotangent"),
+        (expansion, "stiffness", "triangles"),
+        (conduction, "conductance", "cotangent"),
     ):
         if curve.region.size and getattr(flight, key) != needed:
             raise InputError(
@@ -132,16 +140,25 @@ def build(setup: Setup) -> PropertyCurves:
             )
     return PropertyCurves(
         emission=_curve(
-            setup.on("emission"), scene, mesh, ("emissivity_front", "emissivity_back"),
-            np.full(len(mesh.sector), flight.stefan_boltzmann / 3.0), False,
+            setup.on("emission"),
+            scene,
+            mesh,
+            ("emissivity_front", "emissivity_back"),
+            np.full(len(mesh.sector), flight.stefan_boltzmann / 3.0),
+            False,
         ),
         absorption=_of_tables(scene, absorption) if absorption.region.size else absorption,
         conduction=conduction,
         capacity=_curve(
-            setup.warm, scene, mesh, ("heat_capacity_J_kgK",), per_triangle(sail, mesh, "areal_mass") * mesh.areas,
+            setup.warm,
+            scene,
+            mesh,
+            ("heat_capacity_J_kgK",),
+            per_triangle(sail, mesh, "areal_mass") * mesh.areas,
             False,
         ),
-        expansion=expansion, rate=flight.thermal_rate,
+        expansion=expansion,
+        rate=flight.thermal_rate,
         sides=mesh.triangle_edges if conduction.region.size else mesh.triangle_edges[:0],
     )
 
@@ -150,7 +167,11 @@ def build(setup: Setup) -> PropertyCurves:
 def lengthen(model: Model, work: WorkSpace, temperature: Floats) -> None:
     """Free lengths of triangles whose expansion changes with temperature (n,)."""
     grow(
-        model.effects.properties.expansion, model.effects.sheet, model.stencil, model.triangles.corners, temperature,
+        model.effects.properties.expansion,
+        model.effects.sheet,
+        model.stencil,
+        model.triangles.corners,
+        temperature,
         work.stencil.free,
     )
 
@@ -243,8 +264,13 @@ def _warm(curve: PropertyCurve, rate: float, corners: Indices, temperature: Floa
 
 @standalone()
 def update(
-    curves: PropertyCurves, corners: Indices, temperature: Floats, gone: Integers, emission: Floats,
-    conductance: Floats, per_capacity: Floats,
+    curves: PropertyCurves,
+    corners: Indices,
+    temperature: Floats,
+    gone: Integers,
+    emission: Floats,
+    conductance: Floats,
+    per_capacity: Floats,
 ) -> None:
     """Emission (t,), conductance (e,) and per_capacity (n,) at temperature (n,), where they have curves.
 

@@ -115,9 +115,13 @@ def build(setup: Setup) -> Mirror:
     kinds = np.array([designs.index(r.design) if r.design else -1 for r in scene.sail.regions])[mesh.sector]
     centres = mesh.nodes[mesh.triangles].mean(axis=1)
     return Mirror(
-        tree=build_tree(centres if on else centres[:0]), kind=kinds if on else kinds[:0],
-        last=np.array([setup.tables[design].u[-1] for design in designs] if on else [], float), bounces=given.bounces,
-        rays=given.rays_a_side, cutoff=given.cutoff, least=1e-9 * float(np.ptp(mesh.nodes, axis=0).max()),
+        tree=build_tree(centres if on else centres[:0]),
+        kind=kinds if on else kinds[:0],
+        last=np.array([setup.tables[design].u[-1] for design in designs] if on else [], float),
+        bounces=given.bounces,
+        rays=given.rays_a_side,
+        cutoff=given.cutoff,
+        least=1e-9 * float(np.ptp(mesh.nodes, axis=0).max()),
         polariser=polarisation.polariser(setup, on),
     )
 
@@ -127,9 +131,14 @@ def work(model: Model) -> MirrorWork:
     mirror = model.effects.reflections
     t, leaves = mirror.kind.size, mirror.tree.bounds.size - 1
     return MirrorWork(
-        boxes=np.zeros((2 * leaves - 1 if t else 0, 6)), force=np.zeros((3, t)), heat=np.zeros(t),
-        stack=np.zeros(64 if t else 0, np.int64), ray=np.zeros((3, 3)),
-        field=np.zeros((2, 3)), first=np.zeros((2, 3)), account=np.zeros(8),
+        boxes=np.zeros((2 * leaves - 1 if t else 0, 6)),
+        force=np.zeros((3, t)),
+        heat=np.zeros(t),
+        stack=np.zeros(64 if t else 0, np.int64),
+        ray=np.zeros((3, 3)),
+        field=np.zeros((2, 3)),
+        first=np.zeros((2, 3)),
+        account=np.zeros(8),
     )
 
 
@@ -139,8 +148,14 @@ def relight(model: Model, work: WorkSpace, x: Floats, t: float) -> None:
     if model.effects.reflections.kind.size > 0:
         patch = rows.patch(work.stencil.scratch, 0)
         bounce(
-            model.effects.reflections, work.effects.reflections, model.effects.light, work.effects.light, patch, x,
-            work.effects.tearing.gone, t,
+            model.effects.reflections,
+            work.effects.reflections,
+            model.effects.light,
+            work.effects.light,
+            patch,
+            x,
+            work.effects.tearing.gone,
+            t,
         )
         rows.hold(model.stencil, patch.response, 0, 0, model.stencil.cells.size, work.stencil.held)
         tearing.remove_all_light(work.effects.tearing, work.effects.light, model.stencil, work.stencil.held)
@@ -175,22 +190,32 @@ def response(mirror: Mirror, light: LightPressure, absorptance: Floats, i: int, 
 
 @numba.njit(cache=True, error_model="numpy")
 def _shares(
-    mirror: Mirror, work: MirrorWork, light: LightPressure, held: HeldLight, frame: Floats, j: int, direction: Floats,
+    mirror: Mirror,
+    work: MirrorWork,
+    light: LightPressure,
+    held: HeldLight,
+    frame: Floats,
+    j: int,
+    direction: Floats,
     cosine: float,
 ) -> tuple[float, float]:
     """Share of a ray's power that triangle j reflects and absorbs; turns the field where that is tracked."""
     if not mirror.polariser.tracked:
         return response(mirror, light, held.absorptance, j, cosine)
     last = mirror.last[mirror.kind[j]] if mirror.kind[j] >= 0 else 1.0
-    found = polarisation.film(
-        mirror.polariser, light, mirror.kind[j], last, held.absorptance[j], j, cosine
-    )
+    found = polarisation.film(mirror.polariser, light, mirror.kind[j], last, held.absorptance[j], j, cosine)
     return polarisation.reflect(found, direction, frame[:3, j], work.field)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _strike(
-    mirror: Mirror, work: MirrorWork, light: LightPressure, held: HeldLight, frame: Floats, j: int, direction: Floats,
+    mirror: Mirror,
+    work: MirrorWork,
+    light: LightPressure,
+    held: HeldLight,
+    frame: Floats,
+    j: int,
+    direction: Floats,
     power: float,
 ) -> float:
     """Force and heat of a ray on triangle j; turns the direction and returns the power that goes on."""
@@ -213,15 +238,31 @@ def _strike(
 
 @numba.njit(cache=True, error_model="numpy")
 def _follow(
-    mirror: Mirror, work: MirrorWork, light: LightPressure, held: HeldLight, frame: Floats, x: Floats, i: int,
-    power: float, gone: Integers,
+    mirror: Mirror,
+    work: MirrorWork,
+    light: LightPressure,
+    held: HeldLight,
+    frame: Floats,
+    x: Floats,
+    i: int,
+    power: float,
+    gone: Integers,
 ) -> None:
     """One ray from triangle i until it leaves, has hit often enough, or is too weak."""
     weakest, own = mirror.cutoff * power, i
     origin, direction = work.ray[0], work.ray[1]
     for _ in range(mirror.bounces):
         j, distance = nearest(
-            mirror.tree, work.boxes, x, light.corners, origin, direction, own, mirror.least, gone, work.stack,
+            mirror.tree,
+            work.boxes,
+            x,
+            light.corners,
+            origin,
+            direction,
+            own,
+            mirror.least,
+            gone,
+            work.stack,
             work.ray[2],
         )
         if j < 0:
@@ -265,8 +306,15 @@ def _first(
 
 @numba.njit(cache=True, error_model="numpy")
 def _send(
-    mirror: Mirror, work: MirrorWork, light: LightPressure, held: HeldLight, frame: Floats, x: Floats, i: int,
-    power: float, gone: Integers,
+    mirror: Mirror,
+    work: MirrorWork,
+    light: LightPressure,
+    held: HeldLight,
+    frame: Floats,
+    x: Floats,
+    i: int,
+    power: float,
+    gone: Integers,
 ) -> None:
     """Rays of equal power from the centres of the rays² equal parts of triangle i, for light along +z."""
     m, n2 = mirror.rays, frame[2, i]
@@ -302,7 +350,13 @@ def _hold(work: MirrorWork, held: HeldLight, patch: Patch) -> None:
 
 @standalone()
 def bounce(
-    mirror: Mirror, work: MirrorWork, light: LightPressure, held: HeldLight, patch: Patch, x: Floats, gone: Integers,
+    mirror: Mirror,
+    work: MirrorWork,
+    light: LightPressure,
+    held: HeldLight,
+    patch: Patch,
+    x: Floats,
+    gone: Integers,
     t: float,
 ) -> None:
     """Add the light reflected within the sail, right after `respond`, to the coefficients in a patch of it all.

@@ -113,10 +113,16 @@ def build(setup: Setup) -> Sheet:
         lists = slots(of_edges, len(mesh.edges), np.arange(3 * t), 3 * t)
     modulus, rest = sheet_modulus(sail, mesh), only_if(on, mesh.lengths[of_edges] ** 2)
     return Sheet(
-        sides=unsigned(of_edges if on else []), rest=rest, free=free_squares(scene, mesh, rest),
-        cotangent=only_if(on, cotangents(mesh).T.ravel()), area=only_if(on, 4.0 * mesh.areas),
-        modulus=only_if(on, modulus), shear=only_if(on, modulus * (1.0 - poisson)), poisson=only_if(on, poisson),
-        slots=lists, limit=only_if(on and setup.on("tensile_failure"), limit),
+        sides=unsigned(of_edges if on else []),
+        rest=rest,
+        free=free_squares(scene, mesh, rest),
+        cotangent=only_if(on, cotangents(mesh).T.ravel()),
+        area=only_if(on, 4.0 * mesh.areas),
+        modulus=only_if(on, modulus),
+        shear=only_if(on, modulus * (1.0 - poisson)),
+        poisson=only_if(on, poisson),
+        slots=lists,
+        limit=only_if(on and setup.on("tensile_failure"), limit),
         expansion=only_if(on and setup.on("expansion"), expansion),
     )
 
@@ -125,7 +131,8 @@ def work(model: Model) -> SheetWork:
     """What all triangles carry when none is torn."""
     sheet, tearing = model.effects.sheet, model.effects.tearing
     return SheetWork(
-        modulus=own(sheet.modulus, tearing.removed > 0), shear=own(sheet.shear, tearing.removed > 0),
+        modulus=own(sheet.modulus, tearing.removed > 0),
+        shear=own(sheet.shear, tearing.removed > 0),
         limit=own(sheet.limit, tearing.counted > 0),
     )
 
@@ -141,8 +148,13 @@ def write(model: Model, work: WorkSpace, state: State, centre: Floats, row: Floa
     """Largest and smallest strain and elastic energy, of triangles or springs."""
     if model.effects.sheet.modulus.size > 0:
         row[_STRAIN_MAX], row[_STRAIN_MIN], row[_ENERGY] = strain_and_energy(
-            model.effects.sheet, work.effects.sheet, model.stencil, work.stencil.free, model.triangles.corners,
-            state.x, rows.patch(work.stencil.scratch, 0),
+            model.effects.sheet,
+            work.effects.sheet,
+            model.stencil,
+            work.stencil.free,
+            model.triangles.corners,
+            state.x,
+            rows.patch(work.stencil.scratch, 0),
         )
     else:
         row[_STRAIN_MAX], row[_STRAIN_MIN], row[_ENERGY] = springs.strain_and_energy(
@@ -184,7 +196,8 @@ def excess(layout: Stencil, free: Floats, corners: Indices, x: Floats, i: int) -
     flat, slots, t = free.reshape(-1), layout.slots, corners.shape[1]
     a, b, c = corners[0, i], corners[1, i], corners[2, i]
     return (
-        _square(x, a, b) - flat[slots[i]], _square(x, b, c) - flat[slots[t + i]],
+        _square(x, a, b) - flat[slots[i]],
+        _square(x, b, c) - flat[slots[t + i]],
         _square(x, c, a) - flat[slots[2 * t + i]],
     )
 
@@ -250,13 +263,25 @@ def _excesses(layout: Stencil, free: Floats, corners: Indices, x: Floats, begin:
 
 @numba.njit(cache=True, error_model="numpy")
 def _strains(
-    sheet: Sheet, work: SheetWork, layout: Stencil, free: Floats, corners: Indices, x: Floats, begin: int, n: int,
+    sheet: Sheet,
+    work: SheetWork,
+    layout: Stencil,
+    free: Floats,
+    corners: Indices,
+    x: Floats,
+    begin: int,
+    n: int,
     patch: Patch,
 ) -> None:
     """Principal Green strains and energy in J of n triangles from `begin` on, into lines 3, 4 and 5 of the frame."""
     _excesses(layout, free, corners, x, begin, n, patch)
     d0, d1, d2, first, second, energy = (
-        patch.frame[0], patch.frame[1], patch.frame[2], patch.frame[3], patch.frame[4], patch.frame[5],
+        patch.frame[0],
+        patch.frame[1],
+        patch.frame[2],
+        patch.frame[3],
+        patch.frame[4],
+        patch.frame[5],
     )
     for i in range(n):
         d = (d0[i], d1[i], d2[i])

@@ -54,8 +54,11 @@ def build(setup: Setup) -> Springs:
     if setup.on("damping"):
         lists = slots(mesh.edges.ravel(), len(mesh.nodes), (np.arange(m)[:, None] + np.array([0, m])).ravel(), 2 * m)
     return Springs(
-        start=unsigned(mesh.edges[:, 0]), end=unsigned(mesh.edges[:, 1]), stiffness=lattice.stiffness,
-        rest=only_if(joined, mesh.lengths), slots=lists,
+        start=unsigned(mesh.edges[:, 0]),
+        end=unsigned(mesh.edges[:, 1]),
+        stiffness=lattice.stiffness,
+        rest=only_if(joined, mesh.lengths),
+        slots=lists,
         stretch=only_if(setup.on("tensile_failure") and joined, 1.0 + lattice.limit_strain),
         expansion=only_if(setup.on("expansion") and joined, lattice.expansion),
     )

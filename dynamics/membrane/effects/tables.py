@@ -40,5 +40,8 @@ def table(tables: Tables, k: int) -> TableArrays:
     """Table k of the concatenation."""
     a, b = tables.starts[k], tables.starts[k + 1]
     return TableArrays(
-        tables.numbers[a[0] : b[0]], tables.places[a[1] : b[1]], tables.axisymmetric[k], tables.nearest,
+        tables.numbers[a[0] : b[0]],
+        tables.places[a[1] : b[1]],
+        tables.axisymmetric[k],
+        tables.nearest,
     )

@@ -79,8 +79,10 @@ def build(setup: Setup) -> Tearing:
     given, t = setup.scene.flight, len(setup.mesh.triangles)
     removes = given.on_failure == "remove"
     return Tearing(
-        counted=t if given.on_failure != "stop" else 0, removed=t if removes else 0,
-        most=math.floor(given.broken_fraction * t), shares=only_if(removes, setup.lattice.conductance_shares.T.ravel()),
+        counted=t if given.on_failure != "stop" else 0,
+        removed=t if removes else 0,
+        most=math.floor(given.broken_fraction * t),
+        shares=only_if(removes, setup.lattice.conductance_shares.T.ravel()),
     )
 
 
@@ -89,8 +91,11 @@ def work(model: Model) -> Broken:
     tearing, effects = model.effects.tearing, model.effects
     conducts = effects.heat.conductance.size > 0 and effects.properties.conduction.region.size == 0
     return Broken(
-        failed=np.zeros(tearing.counted, np.int64), gone=np.zeros(tearing.removed, np.int64),
-        tally=np.zeros(4, np.int64), first=np.zeros(4), conductance=tearing.shares if conducts else np.empty(0),
+        failed=np.zeros(tearing.counted, np.int64),
+        gone=np.zeros(tearing.removed, np.int64),
+        tally=np.zeros(4, np.int64),
+        first=np.zeros(4),
+        conductance=tearing.shares if conducts else np.empty(0),
     )
 
 
@@ -119,7 +124,13 @@ def _note(broken: Broken, i: int, kind: int, t: float, x: Floats, springs: Sprin
 
 @numba.njit(cache=True, error_model="numpy")
 def _remove(
-    broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: HeldLight, layout: Stencil, held: Floats,
+    broken: Broken,
+    model: Sheet,
+    work: SheetWork,
+    heat: HeatWork,
+    light: HeldLight,
+    layout: Stencil,
+    held: Floats,
     i: int,
 ) -> None:
     """Take triangle i out: it carries, absorbs, reflects, emits and conducts nothing any more."""
@@ -155,8 +166,17 @@ def remove_all_light(broken: Broken, light: HeldLight, layout: Stencil, held: Fl
 
 @standalone()
 def tear(
-    broken: Broken, model: Sheet, work: SheetWork, heat: HeatWork, light: HeldLight, layout: Stencil,
-    space: StencilWork, springs: Springs, corners: Indices, x: Floats, t: float,
+    broken: Broken,
+    model: Sheet,
+    work: SheetWork,
+    heat: HeatWork,
+    light: HeldLight,
+    layout: Stencil,
+    space: StencilWork,
+    springs: Springs,
+    corners: Indices,
+    x: Floats,
+    t: float,
 ) -> tuple[int, int, int]:
     """Note, and where asked remove, every triangle above its strength at nodes x (3, n) and time t in s.
 
@@ -179,8 +199,19 @@ def tear(
 
 @standalone()
 def burn(
-    broken: Broken, model: Sheet, work: SheetWork, limits: Heat, heat: HeatWork, light: HeldLight, layout: Stencil,
-    held: Floats, springs: Springs, corners: Indices, x: Floats, temperature: Floats, t: float,
+    broken: Broken,
+    model: Sheet,
+    work: SheetWork,
+    limits: Heat,
+    heat: HeatWork,
+    light: HeldLight,
+    layout: Stencil,
+    held: Floats,
+    springs: Springs,
+    corners: Indices,
+    x: Floats,
+    temperature: Floats,
+    t: float,
 ) -> None:
     """The same for triangles with a node above their limit; the place is the middle of the side that starts there.
 

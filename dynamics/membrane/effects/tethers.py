@@ -77,10 +77,16 @@ def build(setup: Setup) -> Tethers:
     ends = np.einsum("kj,kjc->kc", weights, mesh.nodes[corners])
     middle = masses @ mesh.nodes / masses.sum()
     return Tethers(
-        mass=found.mass, start=np.ascontiguousarray(mounted(scene, (found.position - middle).T)),
-        body=unsigned(found.body), corners=unsigned(corners.T), weights=np.ascontiguousarray(weights.T),
-        stiffness=found.stiffness, length=found.lengths(ends), retardation=found.retardation,
-        strength=found.strength, pushes=found.pushes,
+        mass=found.mass,
+        start=np.ascontiguousarray(mounted(scene, (found.position - middle).T)),
+        body=unsigned(found.body),
+        corners=unsigned(corners.T),
+        weights=np.ascontiguousarray(weights.T),
+        stiffness=found.stiffness,
+        length=found.lengths(ends),
+        retardation=found.retardation,
+        strength=found.strength,
+        pushes=found.pushes,
         per_mass=only_if(found.mass.size > 0, 1.0 / inertial(scene, mesh, masses)),
     )
 
@@ -110,7 +116,8 @@ def accelerate(model: Model, work: WorkSpace, x: Floats, v: Floats, t: float) ->
 def _end(values: Floats, corners: Indices, weights: Floats, k: int, c: int) -> float:
     """Component c of values (3, n) at the end of tether k."""
     return (
-        weights[0, k] * values[c, corners[0, k]] + weights[1, k] * values[c, corners[1, k]]
+        weights[0, k] * values[c, corners[0, k]]
+        + weights[1, k] * values[c, corners[1, k]]
         + weights[2, k] * values[c, corners[2, k]]
     )
 
@@ -190,8 +197,10 @@ def payload_columns(masses: int, lines: int) -> dict[str, tuple[int, str]]:
     if masses == 0:
         return {}
     return {
-        "payload_position": (3 * masses, "m"), "payload_velocity": (3 * masses, "m/s"),
-        "tether_tension": (lines, "N"), "tethers_snapped": (lines, "1"),
+        "payload_position": (3 * masses, "m"),
+        "payload_velocity": (3 * masses, "m/s"),
+        "tether_tension": (lines, "N"),
+        "tethers_snapped": (lines, "1"),
     }
 
 

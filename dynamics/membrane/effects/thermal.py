@@ -24,8 +24,11 @@ COST = "a pass over all nodes, triangles or edges whenever temperatures change, 
 #: Temperatures are those of the nodes, which failure tests; `temperature_max_triangles` (published) is the largest mean
 #: of three corners.
 COLUMNS = {
-    "temperature_max": (1, "K"), "temperature_min": (1, "K"), "temperature_mean": (1, "K"),
-    "temperature_max_triangles": (1, "K"), "power_radiated": (1, "W"),
+    "temperature_max": (1, "K"),
+    "temperature_min": (1, "K"),
+    "temperature_mean": (1, "K"),
+    "temperature_max_triangles": (1, "K"),
+    "power_radiated": (1, "W"),
 }
 _HOTTEST, _COLDEST, _MEAN, _HOTTEST_TRIANGLE, _RADIATED = starts(COLUMNS)
 
@@ -93,7 +96,8 @@ def build(setup: Setup) -> Heat:
         emission=only_if(setup.on("emission"), flight.stefan_boltzmann * faces / 3.0),
         background=flight.background_temperature_K**4,
         conductance=only_if(setup.on("conduction"), setup.lattice.conductance),
-        limit=only_if(setup.on("thermal_failure"), limits), lowest=float(limits.min()),
+        limit=only_if(setup.on("thermal_failure"), limits),
+        lowest=float(limits.min()),
         every=flight.heat_every,
     )
 
@@ -113,12 +117,24 @@ def work(model: Model) -> HeatWork:
 def heat(model: Model, work: WorkSpace, x: Floats, temperature: Floats) -> None:
     """Absorbed, emitted and conducted heat, of properties as they are at temperature (n,)."""
     properties.update(
-        model.effects.properties, model.triangles.corners, temperature, work.effects.tearing.gone,
-        work.effects.heat.emission, work.effects.heat.conductance, work.effects.heat.per_capacity,
+        model.effects.properties,
+        model.triangles.corners,
+        temperature,
+        work.effects.tearing.gone,
+        work.effects.heat.emission,
+        work.effects.heat.conductance,
+        work.effects.heat.per_capacity,
     )
     add_flows(
-        model.effects.heat, work.effects.heat, model.effects.springs, model.triangles.corners,
-        rows.patch(work.stencil.scratch, 0), x, temperature, work.effects.light.absorbed, work.gain[0],
+        model.effects.heat,
+        work.effects.heat,
+        model.effects.springs,
+        model.triangles.corners,
+        rows.patch(work.stencil.scratch, 0),
+        x,
+        temperature,
+        work.effects.light.absorbed,
+        work.gain[0],
     )
 
 
@@ -128,8 +144,12 @@ def write(model: Model, work: WorkSpace, state: State, centre: Floats, row: Floa
     if model.warm:
         _write_temperatures(model.triangles, state.temperature, row)
         row[_RADIATED] = radiated(
-            work.effects.heat.emission, state.x, model.triangles.corners, rows.patch(work.stencil.scratch, 0),
-            state.temperature, model.effects.heat.background,
+            work.effects.heat.emission,
+            state.x,
+            model.triangles.corners,
+            rows.patch(work.stencil.scratch, 0),
+            state.temperature,
+            model.effects.heat.background,
         )
 
 
@@ -197,8 +217,15 @@ def _conduct(conductance: Floats, springs: Springs, temperature: Floats, rate: F
 
 @standalone()
 def add_flows(
-    heat: Heat, work: HeatWork, springs: Springs, corners: Indices, patch: Patch, x: Floats, temperature: Floats,
-    absorbed: Floats, gain: float,
+    heat: Heat,
+    work: HeatWork,
+    springs: Springs,
+    corners: Indices,
+    patch: Patch,
+    x: Floats,
+    temperature: Floats,
+    absorbed: Floats,
+    gain: float,
 ) -> None:
     """Add what nodes x (3, n) at `temperature` (n,) take up, in W, to work.rate (n,).
 

@@ -104,8 +104,17 @@ def meets(x: Floats, corners: Indices, i: int, origin: Floats, direction: Floats
 
 @numba.njit(cache=True, error_model="numpy")
 def nearest(
-    tree: Tree, boxes: Floats, x: Floats, corners: Indices, origin: Floats, direction: Floats, own: int, least: float,
-    gone: Integers, stack: Integers, inverse: Floats,
+    tree: Tree,
+    boxes: Floats,
+    x: Floats,
+    corners: Indices,
+    origin: Floats,
+    direction: Floats,
+    own: int,
+    least: float,
+    gone: Integers,
+    stack: Integers,
+    inverse: Floats,
 ) -> tuple[int, float]:
     """Triangle that a ray meets first, beyond the distance `least` and other than `own`, and the distance; −1 if none.
 

@@ -41,8 +41,22 @@ def turned(
 
 @streams()
 def strain(
-    lit: bool, o: int, n: int, ahead: int, beyond: int, x: Three, free: Three, scale: Three, shear: Floats,
-    bound: Floats, share: float, held: Three, one: Three, two: Three, three: Three, sums: Three,
+    lit: bool,
+    o: int,
+    n: int,
+    ahead: int,
+    beyond: int,
+    x: Three,
+    free: Three,
+    scale: Three,
+    shear: Floats,
+    bound: Floats,
+    share: float,
+    held: Three,
+    one: Three,
+    two: Three,
+    three: Three,
+    sums: Three,
 ) -> int:
     """Forces on the three corners of triangles o … o + n, as in `sheet`; how many may have failed.
 
@@ -74,9 +88,7 @@ def strain(
         bad += 0 if t0 * d0 + t1 * d1 + t2 * d2 <= bound[first] else 1
         m0, m1, m2 = 0.0, 0.0, 0.0
         if lit:
-            m0, m1, m2 = turned(
-                share * h0[first], share * h1[first], share * h2[first], p0, p1, p2, r0, r1, r2
-            )
+            m0, m1, m2 = turned(share * h0[first], share * h1[first], share * h2[first], p0, p1, p2, r0, r1, r2)
             sum0[j], sum1[j], sum2[j] = sum0[j] + m0, sum1[j] + m1, sum2[j] + m2
         p0, p1, p2 = t0 * p0, t0 * p1, t0 * p2
         q0, q1, q2 = t1 * q0, t1 * q1, t1 * q2
@@ -92,9 +104,7 @@ def strain(
 
 
 @streams()
-def push(
-    o: int, n: int, ahead: int, beyond: int, x: Three, share: float, held: Three, out: Three, sums: Three
-) -> None:
+def push(o: int, n: int, ahead: int, beyond: int, x: Three, share: float, held: Three, out: Three, sums: Three) -> None:
     """A share of the light's force on each corner of triangles o … o + n, to out (w,), also added to sums (w,)."""
     x0, x1, x2 = x
     h0, h1, h2 = held
@@ -103,18 +113,22 @@ def push(
     for i in range(n):
         j, first, second, third = i + GUARD, o + i, o + i + ahead, o + i + beyond
         m0, m1, m2 = turned(
-            share * h0[first], share * h1[first], share * h2[first],
-            x0[second] - x0[first], x1[second] - x1[first], x2[second] - x2[first],
-            x0[third] - x0[first], x1[third] - x1[first], x2[third] - x2[first],
+            share * h0[first],
+            share * h1[first],
+            share * h2[first],
+            x0[second] - x0[first],
+            x1[second] - x1[first],
+            x2[second] - x2[first],
+            x0[third] - x0[first],
+            x1[third] - x1[first],
+            x2[third] - x2[first],
         )
         a0[j], a1[j], a2[j] = m0, m1, m2
         sum0[j], sum1[j], sum2[j] = sum0[j] + m0, sum1[j] + m1, sum2[j] + m2
 
 
 @streams()
-def stretch(
-    o: int, n: int, ahead: int, x: Three, stiffness: Floats, free: Floats, stretch: Floats, out: Three
-) -> int:
+def stretch(o: int, n: int, ahead: int, x: Three, stiffness: Floats, free: Floats, stretch: Floats, out: Three) -> int:
     """Force k (ℓ − L) d/ℓ (n,) of springs from o on, on their first end; how many are too long, or not finite."""
     x0, x1, x2 = x
     a0, a1, a2 = out
@@ -152,8 +166,17 @@ def add_ends(n: int, a: Floats, j: int, b: Floats, out: Floats) -> None:
 
 @streams()
 def advance(
-    o: int, n: int, force: Floats, per_mass: Floats, close: float, start: float, dt: float, v: Floats, x: Floats,
-    new_v: Floats, new_x: Floats,
+    o: int,
+    n: int,
+    force: Floats,
+    per_mass: Floats,
+    close: float,
+    start: float,
+    dt: float,
+    v: Floats,
+    x: Floats,
+    new_v: Floats,
+    new_x: Floats,
 ) -> None:
     """One component of a step, from forces (n,): see `StepTimes`."""
     for m in range(n):

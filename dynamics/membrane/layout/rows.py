@@ -20,6 +20,7 @@ from dynamics.membrane.layout.triangles import Patch
 #: Where dead nodes lie in z, in m, as no sail ever does.
 FAR = -1e9
 
+
 class Families(NamedTuple):
     """Where the other corners of triangles lie, or the other ends of edges (c = 1), on each row r.
 

@@ -23,9 +23,7 @@ from dynamics.membrane.layout.rows import Stencil, StencilWork, StepTimes
 
 
 @uncounted(forceinline=True)
-def _strain_row(
-    stencil: Stencil, work: StencilWork, x: Floats, r: int, thread: int, level: int, share: float
-) -> int:
+def _strain_row(stencil: Stencil, work: StencilWork, x: Floats, r: int, thread: int, level: int, share: float) -> int:
     """Forces on the corners of the triangles that begin on row r; how many may have failed."""
     o, n, bad, ahead, below = stencil.start[r], stencil.width[r], 0, stencil.triangles.ahead, stencil.triangles.below
     nodes, sums, corners = apart(x), apart(work.scratch.push[thread]), work.scratch.corners[thread]
@@ -36,21 +34,47 @@ def _strain_row(
         three = apart(corners[level * below[f, 1], r % 2, f, 2])
         if share > 0.0:
             bad += elements.strain(
-                True, o, n, ahead[r, f, 0], ahead[r, f, 1], nodes, free, scale, work.shear[f], work.bound[f], share,
-                apart(work.held[f]), one, two, three, sums,
+                True,
+                o,
+                n,
+                ahead[r, f, 0],
+                ahead[r, f, 1],
+                nodes,
+                free,
+                scale,
+                work.shear[f],
+                work.bound[f],
+                share,
+                apart(work.held[f]),
+                one,
+                two,
+                three,
+                sums,
             )
         else:
             bad += elements.strain(
-                False, o, n, ahead[r, f, 0], ahead[r, f, 1], nodes, free, scale, work.shear[f], work.bound[f], share,
-                nodes, one, two, three, sums,
+                False,
+                o,
+                n,
+                ahead[r, f, 0],
+                ahead[r, f, 1],
+                nodes,
+                free,
+                scale,
+                work.shear[f],
+                work.bound[f],
+                share,
+                nodes,
+                one,
+                two,
+                three,
+                sums,
             )
     return bad
 
 
 @uncounted(forceinline=True)
-def _stretch_row(
-    stencil: Stencil, work: StencilWork, x: Floats, r: int, thread: int, level: int, share: float
-) -> int:
+def _stretch_row(stencil: Stencil, work: StencilWork, x: Floats, r: int, thread: int, level: int, share: float) -> int:
     """The same of springs, and the light's force on the corners of the triangles."""
     o, n, bad, ahead, below = stencil.start[r], stencil.width[r], 0, stencil.edges.ahead, stencil.edges.below
     nodes, sums = apart(x), apart(work.scratch.push[thread])
@@ -121,7 +145,16 @@ def _move(stencil: Stencil, work: StencilWork, r: int, thread: int, source: int,
     for c in range(3):
         if times.moves:
             elements.advance(
-                o, n, force[c], per_mass, times.close, times.open, times.dt, v[source, c], x[source, c], v[target, c],
+                o,
+                n,
+                force[c],
+                per_mass,
+                times.close,
+                times.open,
+                times.dt,
+                v[source, c],
+                x[source, c],
+                v[target, c],
                 x[target, c],
             )
         else:

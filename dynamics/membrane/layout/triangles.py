@@ -37,7 +37,12 @@ def sides(x: Floats, corners: Indices, begin: int, n: int, at: int, out: Floats)
     """
     x0, x1, x2, end, last = x[0], x[1], x[2], at + n, begin + n
     a0, a1, a2, b0, b1, b2 = (
-        out[0, at:end], out[1, at:end], out[2, at:end], out[3, at:end], out[4, at:end], out[5, at:end],
+        out[0, at:end],
+        out[1, at:end],
+        out[2, at:end],
+        out[3, at:end],
+        out[4, at:end],
+        out[5, at:end],
     )
     c0, c1, c2 = corners[0, begin:last], corners[1, begin:last], corners[2, begin:last]
     for i in range(n):

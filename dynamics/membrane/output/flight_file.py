@@ -108,8 +108,11 @@ class _Grid:
         self._group.attrs.create("Type", np.bytes_("UnstructuredGrid"))
         n, t = len(mesh.nodes), len(mesh.triangles)
         for name, values in (
-            ("NumberOfPoints", [n]), ("NumberOfCells", [t]), ("NumberOfConnectivityIds", [3 * t]),
-            ("Connectivity", mesh.triangles.ravel()), ("Offsets", 3 * np.arange(t + 1)),
+            ("NumberOfPoints", [n]),
+            ("NumberOfCells", [t]),
+            ("NumberOfConnectivityIds", [3 * t]),
+            ("Connectivity", mesh.triangles.ravel()),
+            ("Offsets", 3 * np.arange(t + 1)),
         ):
             self._group[name] = np.asarray(values, dtype=np.int64)
         self._group["Types"] = np.full(t, TRIANGLE, dtype=np.uint8)
@@ -125,7 +128,7 @@ class _Grid:
             )
         data = self._group[name]
         data.resize(len(data) + len(values), axis=0)
-        data[-len(values):] = values
+        data[-len(values) :] = values
 
     def frame(self, frame: Frame) -> None:
         """One snapshot."""
@@ -171,8 +174,12 @@ def reserve(path: Path, size: int) -> None:
 
 
 def write_flight(
-    path: str | Path, mesh: Mesh, frames: Iterable[Frame], columns: Mapping[str, tuple[Floats, str]],
-    attributes: Mapping[str, Any], size: int = 0,
+    path: str | Path,
+    mesh: Mesh,
+    frames: Iterable[Frame],
+    columns: Mapping[str, tuple[Floats, str]],
+    attributes: Mapping[str, Any],
+    size: int = 0,
 ) -> None:
     """Write a flight atomically: snapshots, columns (rows, ...) with units, attributes of /series (end reason, …).
 
@@ -186,7 +193,10 @@ def write_flight(
 
 
 def _write_flight(
-    path: Path, mesh: Mesh, frames: Iterable[Frame], columns: Mapping[str, tuple[Floats, str]],
+    path: Path,
+    mesh: Mesh,
+    frames: Iterable[Frame],
+    columns: Mapping[str, tuple[Floats, str]],
     attributes: Mapping[str, Any],
 ) -> None:
     with h5py.File(path, "w", locking=False) as file:

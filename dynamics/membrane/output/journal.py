@@ -120,7 +120,10 @@ class Journal:
         with atomic(self._path("checkpoint.npz")) as temporary:
             with open(temporary, "wb") as stream:
                 np.savez(
-                    stream, fingerprint=np.array(fingerprint), sizes=np.array(sizes), sums=np.array(sums),
+                    stream,
+                    fingerprint=np.array(fingerprint),
+                    sizes=np.array(sizes),
+                    sums=np.array(sums),
                     **(arrays | counters),
                 )
             append_checksum(temporary)

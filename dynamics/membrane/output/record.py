@@ -18,8 +18,14 @@ from dynamics.membrane.state import State
 #: (xx, yy, zz, xy, xz, yz) are about the centre of mass; `impulse` is the time integral of the optical force since the
 #: start.
 MOTION = {
-    "time": (1, "s"), "position": (3, "m"), "velocity": (3, "m/s"), "impulse": (3, "N s"), "energy_kinetic": (1, "J"),
-    "fit": (9, "kg m²"), "angular_momentum": (3, "kg m²/s"), "inertia": (6, "kg m²"),
+    "time": (1, "s"),
+    "position": (3, "m"),
+    "velocity": (3, "m/s"),
+    "impulse": (3, "N s"),
+    "energy_kinetic": (1, "J"),
+    "fit": (9, "kg m²"),
+    "angular_momentum": (3, "kg m²/s"),
+    "inertia": (6, "kg m²"),
 }
 #: Length and unit of each column of a row: of the motion, then of the effects, which say what they are.
 SIZES = columns_from(MOTION)

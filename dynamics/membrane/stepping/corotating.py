@@ -191,7 +191,8 @@ def _into_frame(e: Floats, values: Floats, i: int) -> tuple[float, float, float]
     """Column i of values (3, n) along the axes e (3, 3)."""
     a, b, c = values[0, i], values[1, i], values[2, i]
     return (
-        e[0, 0] * a + e[0, 1] * b + e[0, 2] * c, e[1, 0] * a + e[1, 1] * b + e[1, 2] * c,
+        e[0, 0] * a + e[0, 1] * b + e[0, 2] * c,
+        e[1, 0] * a + e[1, 1] * b + e[1, 2] * c,
         e[2, 0] * a + e[2, 1] * b + e[2, 2] * c,
     )
 

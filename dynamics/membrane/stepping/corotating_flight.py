@@ -113,8 +113,15 @@ def _step(
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def run(
-    model: Model, scheme: Corotating, state: State, work: WorkSpace, own: CorotatingWork, n: int, stop: int,
-    fresh: bool, rows: Floats,
+    model: Model,
+    scheme: Corotating,
+    state: State,
+    work: WorkSpace,
+    own: CorotatingWork,
+    n: int,
+    stop: int,
+    fresh: bool,
+    rows: Floats,
 ) -> tuple[int, int, int]:
     """As `dynamics.membrane.stepping.step.run`, with the steps of this scheme.
 

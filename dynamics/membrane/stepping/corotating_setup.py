@@ -67,10 +67,13 @@ def _check(scene: Scene) -> None:
     """InputError where the stiffness of the flat, spinning sail is not that of the flight."""
     flight, effects = scene.flight, plan(scene)
     for key, value, allowed in (
-        ("sail.profile", scene.sail.profile, "flat"), ("flight.stiffness", flight.stiffness, "triangles"),
-        ("flight.on_failure", flight.on_failure, "stop"), ("flight.optics_every", flight.optics_every, 1),
+        ("sail.profile", scene.sail.profile, "flat"),
+        ("flight.stiffness", flight.stiffness, "triangles"),
+        ("flight.on_failure", flight.on_failure, "stop"),
+        ("flight.optics_every", flight.optics_every, 1),
         ("flight.heat_every", flight.heat_every, 1),
-        ("effects.damping", effects["damping"].on, False), ("effects.spin_up", effects["spin_up"].on, True),
+        ("effects.damping", effects["damping"].on, False),
+        ("effects.spin_up", effects["spin_up"].on, True),
     ):
         if value != allowed:
             raise InputError(f"{scene.name}.yaml: {key} = {value!r}: must be {allowed!r} with integrator: corotating")
@@ -123,7 +126,9 @@ def corotating(scene: Scene, mesh: Mesh, masses: Floats, dt: float, stiffer: flo
     return Corotating(
         plane=factorise(csr_matrix(kron(diags(masses), inertia) + gamma * dt**2 * stiffness), points),
         across=factorise(csr_matrix(diags(masses) + ACROSS * across @ diags(1.0 / masses) @ across), points),
-        calm=DAMPED / (gamma * dt), calm_across=DAMPED_ACROSS / dt, sides=sides,
+        calm=DAMPED / (gamma * dt),
+        calm_across=DAMPED_ACROSS / dt,
+        sides=sides,
         most=spare * tension / (SPARE * float(modulus.max())),
         substeps=math.ceil(dt * highest_frequency(elastic, masses) / (2.0 * EXPLICIT)),
     )
@@ -133,9 +138,17 @@ def corotating_work(scheme: Corotating, model: Model) -> CorotatingWork:
     """Work space of the scheme."""
     n = model.masses.size
     return CorotatingWork(
-        positions=np.zeros((3, n)), drift=np.zeros((3, n)), field=np.zeros((3, n)), transport=np.zeros((3, n)),
+        positions=np.zeros((3, n)),
+        drift=np.zeros((3, n)),
+        field=np.zeros((3, n)),
+        transport=np.zeros((3, n)),
         late=np.zeros((3, n)),
-        plane=np.zeros(2 * n), across=np.zeros(n), frame=np.zeros((3, 3)), motion=np.zeros((8, 3)),
-        rate=np.zeros(n if model.warm else 0), stiffer=np.ones(1), in_plane=solution_space(scheme.plane),
+        plane=np.zeros(2 * n),
+        across=np.zeros(n),
+        frame=np.zeros((3, 3)),
+        motion=np.zeros((8, 3)),
+        rate=np.zeros(n if model.warm else 0),
+        stiffer=np.ones(1),
+        in_plane=solution_space(scheme.plane),
         out_of_plane=solution_space(scheme.across),
     )

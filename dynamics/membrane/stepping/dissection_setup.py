@@ -103,8 +103,12 @@ def factorise(matrix: csr_matrix, points: Floats) -> Factor:
         updates[k] = front[s:, s:] - lower @ front[:s, s:]
         numbers.append(np.concatenate([inverse.T.ravel(), lower.T.ravel(), upper.T.ravel()]))
     return Factor(
-        order=order, begin=begin, rows=np.concatenate(rows), first_row=np.cumsum([0, *(len(r) for r in rows)]),
-        numbers=np.concatenate(numbers), first_number=np.cumsum([0, *(len(x) for x in numbers)]),
+        order=order,
+        begin=begin,
+        rows=np.concatenate(rows),
+        first_row=np.cumsum([0, *(len(r) for r in rows)]),
+        numbers=np.concatenate(numbers),
+        first_number=np.cumsum([0, *(len(x) for x in numbers)]),
         widest=max(int(np.diff(begin).max()), *(len(r) for r in rows)),
     )
 

@@ -60,8 +60,19 @@ def warm_up(model: Model, work: WorkSpace, x: Floats, temperature: Floats, t: fl
     code, found = failure.first_burnt(corners, heat.limit, heat.lowest, temperature)
     if code == failure.THERMAL and broken.failed.size > 0:
         tearing.burn(
-            broken, model.effects.sheet, work.effects.sheet, heat, work.effects.heat, work.effects.light,
-            model.stencil, work.stencil.held, model.effects.springs, corners, x, temperature, t,
+            broken,
+            model.effects.sheet,
+            work.effects.sheet,
+            heat,
+            work.effects.heat,
+            work.effects.light,
+            model.stencil,
+            work.stencil.held,
+            model.effects.springs,
+            corners,
+            x,
+            temperature,
+            t,
         )
         lay_out(model, work)
         return failure.INTACT
@@ -95,8 +106,17 @@ def _pull(model: Model, work: WorkSpace, x: Floats, t: float, gain: float) -> in
         work.flags[1] = torn
         return failure.TENSILE if finite else failure.NON_FINITE
     code, work.flags[1], torn = tearing.tear(
-        now.tearing, own.sheet, now.sheet, now.heat, now.light, model.stencil, work.stencil, own.springs,
-        model.triangles.corners, x, t,
+        now.tearing,
+        own.sheet,
+        now.sheet,
+        now.heat,
+        now.light,
+        model.stencil,
+        work.stencil,
+        own.springs,
+        model.triangles.corners,
+        x,
+        t,
     )
     if torn > 0:
         lay_out(model, work)
@@ -115,7 +135,14 @@ def _finite(x: Floats) -> bool:
 
 @standalone(_nrt=False)
 def evaluate(
-    model: Model, work: WorkSpace, x: Floats, v: Floats, temperature: Floats, t: float, gain: float, renew: bool,
+    model: Model,
+    work: WorkSpace,
+    x: Floats,
+    v: Floats,
+    temperature: Floats,
+    t: float,
+    gain: float,
+    renew: bool,
     heating: bool,
 ) -> int:
     """Acceleration and heating rate at x, v (3, n), temperature (n,) and time t in s; a failure code.

@@ -31,6 +31,7 @@ from dynamics.membrane.layout.rows import Stencil, StencilWork, StepTimes
 
 LEAVE, SWEEP, RESPOND = range(3)
 
+
 @numba.njit(cache=True, error_model="numpy")
 def _sweep_together(layout: Stencil, work: StencilWork, source: int, times: StepTimes, levels: int, seam: bool) -> int:
     """The sweep of each thread; how many elements may have failed. At the seams the first thread has nothing to do."""
@@ -71,7 +72,16 @@ def respond_all(
         hand_out(scratch.board, RESPOND)
     begin, end = part(size, 0, threads)
     light_pressure.respond(
-        light, work, rows.patch(scratch, 0), layout, x, gone, begin, end, scratch.found[0], scratch.seen[0],
+        light,
+        work,
+        rows.patch(scratch, 0),
+        layout,
+        x,
+        gone,
+        begin,
+        end,
+        scratch.found[0],
+        scratch.seen[0],
         space.held,
     )
     if threads > 1:
@@ -106,7 +116,16 @@ def assist(
         else:
             begin, end = part(light.corners.shape[1], thread, threads)
             light_pressure.respond(
-                light, lit, rows.patch(scratch, thread), layout, ahead, gone, begin, end,
-                scratch.found[thread], scratch.seen[thread], work.held,
+                light,
+                lit,
+                rows.patch(scratch, thread),
+                layout,
+                ahead,
+                gone,
+                begin,
+                end,
+                scratch.found[thread],
+                scratch.seen[thread],
+                work.held,
             )
         add(board, DONE, 1)

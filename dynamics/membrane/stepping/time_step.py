@@ -55,9 +55,7 @@ def highest_absorptances(scene: Scene, tables: dict[str, PressureTable]) -> list
     return found
 
 
-def hottest_possible(
-    scene: Scene, mesh: Mesh, heat: thermal.Heat, absorptances: list[float], fails: bool
-) -> Floats:
+def hottest_possible(scene: Scene, mesh: Mesh, heat: thermal.Heat, absorptances: list[float], fails: bool) -> Floats:
     """Temperatures (t,) in K above which the triangles never get; absorptances: the highest of each region.
 
     Those of equilibrium with all of the light, of all of it kept since the start, of failure if that ends it: whichever
@@ -97,9 +95,9 @@ def check_heat(
         rate = np.repeat(4.0 * emission * mesh.areas * hottest**3, 3)
         loss += np.bincount(mesh.triangles.ravel(), rate, minlength=nodes)
     if heat.conductance.size:
-        conductance = np.abs(heat.conductance) * _most([
-            (m.highest("conductivity_W_mK"), m.conductivity_W_mK) for m in materials
-        ])
+        conductance = np.abs(heat.conductance) * _most(
+            [(m.highest("conductivity_W_mK"), m.conductivity_W_mK) for m in materials]
+        )
         loss += 2.0 * np.bincount(mesh.edges.ravel(), np.repeat(conductance, 2), minlength=nodes)
     loss *= _most([(m.heat_capacity_J_kgK, m.lowest("heat_capacity_J_kgK")) for m in materials])
     if heat.per_capacity.size and (loss * heat.per_capacity).max() * flight.heat_every * dt >= 2.0:

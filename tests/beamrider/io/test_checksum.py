@@ -39,12 +39,18 @@ def written(path: Path) -> Path:
 
 
 READ = {
-    ".h5": lambda path: read_hdf5(path)["x"][()].tolist(), ".parquet": lambda path: read_parquet(path)["a"].tolist(),
-    ".json": read_json, ".jsonl": read_lines, ".yaml": load_yaml,
+    ".h5": lambda path: read_hdf5(path)["x"][()].tolist(),
+    ".parquet": lambda path: read_parquet(path)["a"].tolist(),
+    ".json": read_json,
+    ".jsonl": read_lines,
+    ".yaml": load_yaml,
 }
 RIGHT = {
-    ".h5": list(range(10)), ".parquet": list(range(10)), ".json": {"x": [1.5, 2.0]},
-    ".jsonl": ['{"x": 1.5}', '{"x": 2.0}'], ".yaml": {"x": 1.5},
+    ".h5": list(range(10)),
+    ".parquet": list(range(10)),
+    ".json": {"x": [1.5, 2.0]},
+    ".jsonl": ['{"x": 1.5}', '{"x": 2.0}'],
+    ".yaml": {"x": 1.5},
 }
 OF_USERS = (".jsonl", ".yaml")
 
@@ -117,8 +123,10 @@ def test_the_command_names_the_files_that_are_not_whole(tmp_path: Path):
     good, bad = (written(tmp_path / name) for name in ("good.h5", "bad.json"))
     bad.write_text(bad.read_text().replace("1.5", "2.5"))
     done = subprocess.run(
-        [sys.executable, "-m", "beamrider.check", good, bad, tmp_path / "none.h5"], capture_output=True,
-        text=True, check=False,
+        [sys.executable, "-m", "beamrider.check", good, bad, tmp_path / "none.h5"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 2
     assert [line.split(": ")[1] for line in done.stderr.splitlines()] == [str(bad), str(tmp_path / "none.h5")]

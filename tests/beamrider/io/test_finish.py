@@ -14,10 +14,13 @@ from tests.processes import main_of
 
 SCENE = small(rings=3, rigid={"duration_s": 1e-3}, flight={"duration_s": 1e-5, "spin_up_s": 1e-5})
 ENDS = {
-    "scene": r"\d of 10 effects on", "mesh": "37 nodes, 54 triangles",
-    "floquet": r"marginally_stable, largest \|λ\| = ", "maps": r"13122 places of force, \d+ outside a table",
+    "scene": r"\d+ of \d+ effects on",
+    "mesh": "37 nodes, 54 triangles",
+    "floquet": r"marginally_stable, largest \|λ\| = ",
+    "maps": r"13122 places of force, \d+ outside a table",
     "rigid": r"finished at 0.001 s, \d+ steps",
-    "membrane": r"finished at .* s, \d+ steps", "basin": r"\d+ of 4 flights bounded",
+    "membrane": r"finished at .* s, \d+ steps",
+    "basin": r"\d+ of 4 flights bounded",
 }
 
 
@@ -55,8 +58,16 @@ def test_notes_follow_and_stay_on_the_line(tmp_path, capsys):
     assert re.fullmatch(r".*/a: finished \(12.3 kB, .*\); neglected: speed above 1e-3 c\n", capsys.readouterr().out)
 
 
-@pytest.mark.parametrize(("value", "text"), [
-    (0, "0 B"), (999.4, "999 B"), (999.6, "1 kB"), (12345, "12.3 kB"), (1e15, "1 PB"), (1e21, "1e+03 EB"),
-])
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0, "0 B"),
+        (999.4, "999 B"),
+        (999.6, "1 kB"),
+        (12345, "12.3 kB"),
+        (1e15, "1 PB"),
+        (1e21, "1e+03 EB"),
+    ],
+)
 def test_amounts(value, text):
     assert amount(value, "B") == text

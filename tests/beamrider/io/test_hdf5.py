@@ -16,13 +16,15 @@ from tests.synthetic import smooth_tables
 
 def read(kind):
     """A stage that prints the largest q of the table named on its command line."""
+
     def main() -> None:
         path = sys.argv[1]
         if kind == "table":
             print(PressureTable.read(path).q_nodes.max())
         else:
-            with (read_hdf5(path) if kind == "ours" else h5py.File(path, "r")) as file:
+            with read_hdf5(path) if kind == "ours" else h5py.File(path, "r") as file:
                 print(file["q"][()].max())
+
     return main
 
 

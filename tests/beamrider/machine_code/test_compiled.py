@@ -27,8 +27,12 @@ def copy(tmp_path: Path) -> Path:
     for name in ("optics", "dynamics", "beamrider/machine_code"):
         (root / name).mkdir(parents=True)
     for name in (
-        "optics/__init__.py", "beamrider/__init__.py", "beamrider/__init__.pyi", "beamrider/machine_code/__init__.py",
-        "beamrider/machine_code/cache.py", "beamrider/machine_code/standalone.py",
+        "optics/__init__.py",
+        "beamrider/__init__.py",
+        "beamrider/__init__.pyi",
+        "beamrider/machine_code/__init__.py",
+        "beamrider/machine_code/cache.py",
+        "beamrider/machine_code/standalone.py",
         "beamrider/machine_code/entrances.py",
     ):
         (root / name).write_bytes((compiled.ROOT / name).read_bytes())
@@ -92,8 +96,9 @@ DAMAGE = {
     "empty": lambda content: b"",
     "cut": lambda content: content[: len(content) // 2],
     "garbage": lambda content: random.Random(1).randbytes(len(content)),
-    "a bit": lambda content: content[: len(content) // 2] + bytes([content[len(content) // 2] ^ 16])
-    + content[len(content) // 2 + 1 :],
+    "a bit": lambda content: (
+        content[: len(content) // 2] + bytes([content[len(content) // 2] ^ 16]) + content[len(content) // 2 + 1 :]
+    ),
 }
 
 

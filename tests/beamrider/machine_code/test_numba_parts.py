@@ -86,10 +86,17 @@ def test_atomic_reads_and_additions_are_atomic():
     assert "sched_yield" in text
 
 
-@pytest.mark.parametrize(("name", "parameters"), [
-    ("save", ["self", "key", "data"]), ("load", ["self", "key"]), ("_dump", ["self", "obj"]),
-    ("_load_index", ["self"]), ("_load_data", ["self", "name"]), ("_save_index", ["self", "overloads"]),
-])
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [
+        ("save", ["self", "key", "data"]),
+        ("load", ["self", "key"]),
+        ("_dump", ["self", "obj"]),
+        ("_load_index", ["self"]),
+        ("_load_data", ["self", "name"]),
+        ("_save_index", ["self", "overloads"]),
+    ],
+)
 def test_numbas_cache_files_have_the_methods_that_ours_replace(name: str, parameters: list[str]):
     """`numba.core.caching.IndexDataCacheFile`; `test_compiled` tests what ours do."""
     base = next(kind for kind in cache.Checked.__mro__ if kind.__module__.startswith("numba"))

@@ -33,7 +33,10 @@ print("FILES", *sorted(inside))
 def test_sources_are_what_python_loads(program):
     loads = program if program.startswith("workflow") else f"{program}.__main__"
     output = subprocess.run(
-        [sys.executable, "-c", LISTED.format(run=f"import {loads}")], cwd=ROOT, capture_output=True, text=True,
+        [sys.executable, "-c", LISTED.format(run=f"import {loads}")],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
         check=True,
     ).stdout
     loaded = {name for line in output.splitlines() if line.startswith("FILES") for name in line.split()[1:]}
@@ -48,11 +51,18 @@ def _write(root: Path, files: dict[str, str]) -> None:
 
 
 def test_every_form_of_import_is_followed_once(tmp_path):
-    _write(tmp_path, {
-        "a/__init__.py": "", "a/b/__init__.py": "import os, numpy", "a/b/c.py": "from . import d\nfrom ..e import name",
-        "a/b/d.py": "def f():\n    import g", "a/e.py": "name = 1\nimport a.b.c", "g.py": "from a import e as x",
-        "a/unused.py": "",
-    })
+    _write(
+        tmp_path,
+        {
+            "a/__init__.py": "",
+            "a/b/__init__.py": "import os, numpy",
+            "a/b/c.py": "from . import d\nfrom ..e import name",
+            "a/b/d.py": "def f():\n    import g",
+            "a/e.py": "name = 1\nimport a.b.c",
+            "g.py": "from a import e as x",
+            "a/unused.py": "",
+        },
+    )
     every = ["a/__init__.py", "a/b/__init__.py", "a/b/c.py", "a/b/d.py", "a/e.py", "g.py"]
     assert sources("a.b.c", tmp_path) == every
 

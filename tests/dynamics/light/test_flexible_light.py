@@ -27,7 +27,8 @@ from tests.synthetic import smooth_tables
 BEAMS: dict[str, dict[str, Any]] = {
     "gaussian": {"radius_m": 0.3},
     "super_gaussian": {"profile": {"kind": "super_gaussian", "order": 6}, "radius_m": 0.4},
-    "flat_top": {"profile": {"kind": "flat_top", "order": 8}, "radius_m": 0.4}, "astigmatic": TILTED,
+    "flat_top": {"profile": {"kind": "flat_top", "order": 8}, "radius_m": 0.4},
+    "astigmatic": TILTED,
     "ring": {"profile": {"kind": "ring", "charge": 2}, "radius_m": 0.35},
     "sum": {"profile": {"kind": "sum", "parts": PARTS}},
 }
@@ -80,7 +81,6 @@ def test_a_mesh_that_would_get_the_light_wrong_is_refused(name: str):
         check_light(scene, sail_mesh(scene.sail))
 
 
-
 def wandering(**keys: Any) -> dict[str, Any]:
     """A mirror's groups: a beam that stays where it is told."""
     return {"beam": {"radius_m": 0.4, "rise_s": 0.0, **keys}, "rings": 8}
@@ -96,9 +96,13 @@ def test_a_beam_that_wandered_off_is_a_sail_that_moved(tmp_path: Path):
 
 def test_a_tilted_beam_pushes_as_a_tilted_world_would(tmp_path: Path):
     """Force on a sail in a beam along k is the turned one of the sail that is turned the other way."""
-    beam = Beam.model_validate({
-        "intensity_W_m2": 1.0, "radius_m": 1.0, "pointing": {"path": [[0, 0, 0, 3.0, -2.0], [1, 0, 0, 3.0, -2.0]]},
-    })
+    beam = Beam.model_validate(
+        {
+            "intensity_W_m2": 1.0,
+            "radius_m": 1.0,
+            "pointing": {"path": [[0, 0, 0, 3.0, -2.0], [1, 0, 0, 3.0, -2.0]]},
+        }
+    )
     now, frame = np.empty(5), np.empty((3, 3))
     aim.where(beam.wander, 0.0, now)
     aim.axes(now, frame)
@@ -161,6 +165,7 @@ def test_a_steady_beam_costs_nothing_and_addresses_are_no_part_of_a_flight():
 def test_errors_of_tables_are_those_of_the_beam_where_it_was(tmp_path: Path):
     """In a beam that moved with the sail they are those of the sail in the middle."""
     tables = smooth_tables()
+
     def met(folder: str, offset: list[float], **beam: Any) -> float:
         scene = small(rings=4, beam=beam, release={"offset_m": offset, "pitch_deg": 1.0, "roll_deg": 0.0})
         flight = Flight(scene, tables, tmp_path / folder)
@@ -168,6 +173,7 @@ def test_errors_of_tables_are_those_of_the_beam_where_it_was(tmp_path: Path):
         flight.step = flight.model.release
         flight._frame()
         return errors_met(flight, tables).share
+
     plain = met("a", [0.0, 0.0])
     moved = met("b", [0.2, 0.1], pointing={"path": [[0, 0.2, 0.1], [1, 0.2, 0.1]]})
     assert moved == pytest.approx(plain, rel=1e-9)

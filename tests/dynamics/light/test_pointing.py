@@ -117,18 +117,24 @@ def test_a_path_comes_from_a_file_and_is_kept(tmp_path: Path, monkeypatch: pytes
     assert Pointing.model_validate(found.model_dump()) == found
 
 
-@pytest.mark.parametrize(("keys", "said"), [
-    ({"jitter_m": {"rms": 1.0, "seed": 1}}, "give either rms and cutoff_Hz (white), or spectrum"),
-    ({"jitter_m": {"rms": 1.0, "cutoff_Hz": 1.0, "spectrum": [[1, 1], [2, 1]], "seed": 1}}, "give either rms and"),
-    ({"jitter_m": {"rms": 1.0, "cutoff_Hz": 1e6, "seed": 1}}, "record_s = 10: a record of frequencies up to 1e+06 Hz"),
-    ({"jitter_m": {"rms": 1.0, "cutoff_Hz": 0.01, "seed": 1}}, "must be at least a period"),
-    ({"jitter_m": {"spectrum": [[2, 1], [1, 1]], "seed": 1}}, "frequencies must ascend"),
-    ({"path": [[0, 0, 0], [0, 1, 0]]}, "times must ascend"),
-    ({"path": [[0, 0, 0], [1, 1, 0, 0, 0]]}, "every row must be of 3 numbers, or every one of 5"),
-    ({"path": [[0, 0, 0, 0, 0], [1, 1, 0, 80, 0]]}, "tilts must be from -30 to 30 degrees"),
-    ({"path_file": "/etc/passwd"}, "must be a path below this folder"),
-    ({"path_file": "none.csv"}, "cannot be read"),
-])
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"jitter_m": {"rms": 1.0, "seed": 1}}, "give either rms and cutoff_Hz (white), or spectrum"),
+        ({"jitter_m": {"rms": 1.0, "cutoff_Hz": 1.0, "spectrum": [[1, 1], [2, 1]], "seed": 1}}, "give either rms and"),
+        (
+            {"jitter_m": {"rms": 1.0, "cutoff_Hz": 1e6, "seed": 1}},
+            "record_s = 10: a record of frequencies up to 1e+06 Hz",
+        ),
+        ({"jitter_m": {"rms": 1.0, "cutoff_Hz": 0.01, "seed": 1}}, "must be at least a period"),
+        ({"jitter_m": {"spectrum": [[2, 1], [1, 1]], "seed": 1}}, "frequencies must ascend"),
+        ({"path": [[0, 0, 0], [0, 1, 0]]}, "times must ascend"),
+        ({"path": [[0, 0, 0], [1, 1, 0, 0, 0]]}, "every row must be of 3 numbers, or every one of 5"),
+        ({"path": [[0, 0, 0, 0, 0], [1, 1, 0, 80, 0]]}, "tilts must be from -30 to 30 degrees"),
+        ({"path_file": "/etc/passwd"}, "must be a path below this folder"),
+        ({"path_file": "none.csv"}, "cannot be read"),
+    ],
+)
 def test_wrong_pointing_is_refused_in_one_line(keys: dict[str, Any], said: str):
     data = FIG6.model_dump()
     with pytest.raises(InputError) as refusal:

@@ -18,8 +18,12 @@ from dynamics.scene.schema import Scene
 from tests.membranes import FIG6
 
 ROUND: list[dict[str, Any]] = [
-    {"kind": "gaussian"}, {"kind": "super_gaussian", "order": 4}, {"kind": "super_gaussian", "order": 12},
-    {"kind": "flat_top", "order": 3}, {"kind": "flat_top", "order": 60}, {"kind": "ring", "charge": 1},
+    {"kind": "gaussian"},
+    {"kind": "super_gaussian", "order": 4},
+    {"kind": "super_gaussian", "order": 12},
+    {"kind": "flat_top", "order": 3},
+    {"kind": "flat_top", "order": 60},
+    {"kind": "ring", "charge": 1},
     {"kind": "ring", "charge": 7},
 ]
 TILTED = {"radius_m": 0.3, "radius_y_m": 0.5, "angle_deg": 25.0}
@@ -38,8 +42,10 @@ def beam(profile: dict[str, Any], **keys: Any) -> Beam:
 def measured(folder: Path, step: float = 0.02, unit: str = "W/m2") -> str:
     """A map of two smooth spots as HDF5, beside the test."""
     x, y = np.arange(-0.9, 0.9001, step), np.arange(-0.8, 0.8001, step)
+
     def spot(a: float, b: float, w: float) -> np.ndarray:
         return np.exp(-2.0 * ((x[:, None] - a) ** 2 + 1.5 * (y - b) ** 2) / w**2)
+
     with h5py.File(folder / "map.h5", "w") as file:
         file["x"], file["y"] = x, y
         file["intensity"] = 2e8 * (spot(0.05, 0.0, 0.3) + 0.5 * spot(-0.1, 0.1, 0.25))
@@ -55,7 +61,9 @@ def of_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Beam:
 
 def every() -> list[Beam]:
     return [
-        *(beam(one) for one in ROUND), *(beam(one, **TILTED) for one in ROUND), beam({"kind": "sum", "parts": PARTS}),
+        *(beam(one) for one in ROUND),
+        *(beam(one, **TILTED) for one in ROUND),
+        beam({"kind": "sum", "parts": PARTS}),
         beam({"kind": "sum", "parts": PARTS}, angle_deg=-40.0),
     ]
 
@@ -87,10 +95,14 @@ def test_the_power_of_a_map_is_the_integral_of_its_spline(of_map: Beam):
 
 def differences(which: Beam, x: np.ndarray, y: np.ndarray, h: float) -> np.ndarray:
     """Derivatives by central differences of sixth order."""
+
     def along(dx: float, dy: float) -> np.ndarray:
-        pair = [light.intensity(which, x + k * dx, y + k * dy) - light.intensity(which, x - k * dx, y - k * dy)
-                for k in (1, 2, 3)]
+        pair = [
+            light.intensity(which, x + k * dx, y + k * dy) - light.intensity(which, x - k * dx, y - k * dy)
+            for k in (1, 2, 3)
+        ]
         return (45.0 * pair[0] - 9.0 * pair[1] + pair[2]) / (60.0 * h)
+
     return np.stack([along(h, 0.0), along(0.0, h)])
 
 
@@ -107,10 +119,15 @@ def test_the_gradient_of_a_map_is_that_of_differences(of_map: Beam):
     assert np.abs(got - want).max() < 1e-6 * np.abs(want).max()
 
 
-@pytest.mark.parametrize("profile", [
-    {"kind": "super_gaussian", "order": 2}, {"kind": "flat_top", "order": 0}, {"kind": "ring", "charge": 0},
-    {"kind": "sum", "parts": [{"radius_m": 0.4}]},
-])
+@pytest.mark.parametrize(
+    "profile",
+    [
+        {"kind": "super_gaussian", "order": 2},
+        {"kind": "flat_top", "order": 0},
+        {"kind": "ring", "charge": 0},
+        {"kind": "sum", "parts": [{"radius_m": 0.4}]},
+    ],
+)
 def test_the_gaussian_limit_is_the_gaussian_to_the_bit(profile: dict[str, Any]):
     x, y = np.random.default_rng(2).uniform(-2.0, 2.0, (2, 1000))
     gaussian = beam({"kind": "gaussian"})
@@ -191,6 +208,7 @@ def test_a_map_turns_with_the_angle_and_takes_another_peak(of_map: Beam):
 
 # What is refused
 
+
 def refusal(**keys: Any) -> str:
     with pytest.raises(InputError) as caught:
         validate({**FIG6.model_dump(), "beam": {"intensity_W_m2": 1e9, **keys}}, Scene, "own.yaml")
@@ -198,30 +216,34 @@ def refusal(**keys: Any) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize(("keys", "said"), [
-    ({"profile": {"kind": "donut"}, "radius_m": 1.0}, "beam.profile = "),
-    ({"profile": {"kind": "super_gaussian", "order": 3}, "radius_m": 1.0}, "order = 3: must be a multiple of 2"),
-    ({"profile": {"kind": "super_gaussian", "order": 0}, "radius_m": 1.0}, "order = 0: must be greater than or eq"),
-    ({"profile": {"kind": "flat_top"}}, "beam: missing radius_m"),
-    ({"profile": {"kind": "sum", "parts": [{"x_m": 1.0}]}}, "radius_m: must be given"),
-    ({"profile": {"kind": "sum", "parts": [{"radius_m": 1.0}]}, "radius_m": 3.0}, "a sum brings its own"),
-    ({"profile": {"kind": "map", "file": "../m.h5"}}, "must be a path of a .csv, .h5 or .hdf5 file below"),
-    ({"profile": {"kind": "map", "file": "none.h5"}}, "none.h5: cannot be read"),
-])
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"profile": {"kind": "donut"}, "radius_m": 1.0}, "beam.profile = "),
+        ({"profile": {"kind": "super_gaussian", "order": 3}, "radius_m": 1.0}, "order = 3: must be a multiple of 2"),
+        ({"profile": {"kind": "super_gaussian", "order": 0}, "radius_m": 1.0}, "order = 0: must be greater than or eq"),
+        ({"profile": {"kind": "flat_top"}}, "beam: missing radius_m"),
+        ({"profile": {"kind": "sum", "parts": [{"x_m": 1.0}]}}, "radius_m: must be given"),
+        ({"profile": {"kind": "sum", "parts": [{"radius_m": 1.0}]}, "radius_m": 3.0}, "a sum brings its own"),
+        ({"profile": {"kind": "map", "file": "../m.h5"}}, "must be a path of a .csv, .h5 or .hdf5 file below"),
+        ({"profile": {"kind": "map", "file": "none.h5"}}, "none.h5: cannot be read"),
+    ],
+)
 def test_wrong_beams_are_refused_in_one_line(keys: dict[str, Any], said: str):
     assert said in refusal(**keys)
 
 
-@pytest.mark.parametrize(("edit", "said"), [
-    (lambda f: f["intensity"].attrs.update({"units": "lux"}), "unit of intensity 'lux': must be one of W/m2, "),
-    (lambda f: f["intensity"].write_direct(np.full(f["intensity"].shape, 1.0)), "of the peak at the border"),
-    (lambda f: f["x"].write_direct(np.arange(f["x"].size) ** 2.0), "x: must ascend in eq"),
-    (lambda f: f["intensity"].write_direct(np.full(f["intensity"].shape, np.nan)), "must be finite"),
-    (lambda f: f.pop("y"), "not a readable map"),
-])
-def test_wrong_maps_are_refused_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edit: Any, said: str
-):
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (lambda f: f["intensity"].attrs.update({"units": "lux"}), "unit of intensity 'lux': must be one of W/m2, "),
+        (lambda f: f["intensity"].write_direct(np.full(f["intensity"].shape, 1.0)), "of the peak at the border"),
+        (lambda f: f["x"].write_direct(np.arange(f["x"].size) ** 2.0), "x: must ascend in eq"),
+        (lambda f: f["intensity"].write_direct(np.full(f["intensity"].shape, np.nan)), "must be finite"),
+        (lambda f: f.pop("y"), "not a readable map"),
+    ],
+)
+def test_wrong_maps_are_refused_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edit: Any, said: str):
     monkeypatch.chdir(tmp_path)
     measured(tmp_path)
     with h5py.File("map.h5", "r+") as file:

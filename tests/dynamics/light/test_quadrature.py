@@ -107,9 +107,12 @@ def test_a_beam_near_the_middle_needs_fewer_points():
 # Any other beam
 
 OTHERS: list[tuple[dict[str, Any], dict[str, Any]]] = [
-    ({"kind": "gaussian"}, TILTED), ({"kind": "super_gaussian", "order": 10}, {}),
-    ({"kind": "super_gaussian", "order": 6}, TILTED), ({"kind": "flat_top", "order": 30}, {}),
-    ({"kind": "ring", "charge": 3}, {}), ({"kind": "sum", "parts": PARTS}, {}),
+    ({"kind": "gaussian"}, TILTED),
+    ({"kind": "super_gaussian", "order": 10}, {}),
+    ({"kind": "super_gaussian", "order": 6}, TILTED),
+    ({"kind": "flat_top", "order": 30}, {}),
+    ({"kind": "ring", "charge": 3}, {}),
+    ({"kind": "sum", "parts": PARTS}, {}),
     ({"kind": "gaussian"}, {"radius_m": 0.05, "radius_y_m": 0.06}),
 ]
 
@@ -170,6 +173,7 @@ def test_the_rules_of_other_beams_agree_with_those_of_the_gaussian():
 
 # Moments for stability
 
+
 @pytest.mark.parametrize(("profile", "keys"), OTHERS[:-1])
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
 def test_moments_and_those_of_slopes_are_the_integrals_and_their_derivatives(
@@ -198,7 +202,9 @@ def test_moments_without_closed_forms_agree_with_the_gaussians():
     start, stop = np.array(SPANS).T
     exact = round_moments(shaped({"kind": "gaussian"}).spots[0].profile, start, stop, RADIUS, 0.4)
     limits: list[dict[str, Any]] = [
-        {"kind": "super_gaussian", "order": 2}, {"kind": "flat_top", "order": 0}, {"kind": "ring", "charge": 0},
+        {"kind": "super_gaussian", "order": 2},
+        {"kind": "flat_top", "order": 0},
+        {"kind": "ring", "charge": 0},
     ]
     for profile in limits:
         found = round_moments(shaped(profile).spots[0].profile, start, stop, RADIUS, 0.4)

@@ -35,9 +35,15 @@ NEW: dict[str, dict[str, Any]] = {
     "flat_top": {"profile": {"kind": "flat_top", "order": 12}, "radius_m": 0.45},
     "ring": {"profile": {"kind": "ring"}, "radius_m": 0.35},
     "astigmatic": {**TILTED},
-    "sum": {"profile": {"kind": "sum", "parts": [
-        {"radius_m": 0.3, "x_m": 0.1, "y_m": 0.02}, {"radius_m": 0.3, "x_m": -0.1, "y_m": -0.02},
-    ]}},
+    "sum": {
+        "profile": {
+            "kind": "sum",
+            "parts": [
+                {"radius_m": 0.3, "x_m": 0.1, "y_m": 0.02},
+                {"radius_m": 0.3, "x_m": -0.1, "y_m": -0.02},
+            ],
+        }
+    },
 }
 
 
@@ -85,8 +91,11 @@ def test_a_mirror_gets_the_light_of_a_map(tmp_path: Path, monkeypatch: pytest.Mo
 def test_a_gaussian_by_any_other_name_flies_the_same():
     """To the error of quadrature: by the Gaussian's own rules, and by those of any profile."""
     flights = [
-        rigid.fly(altered(which, rigid=SHORT), TABLES) for which in (
-            FIG6, lit(profile={"kind": "super_gaussian", "order": 2}), lit(profile={"kind": "flat_top", "order": 0}),
+        rigid.fly(altered(which, rigid=SHORT), TABLES)
+        for which in (
+            FIG6,
+            lit(profile={"kind": "super_gaussian", "order": 2}),
+            lit(profile={"kind": "flat_top", "order": 0}),
             lit(profile={"kind": "sum", "parts": [{"radius_m": 0.4, "share": 0.25}] * 4}),
         )
     ]
@@ -154,6 +163,7 @@ def test_a_beam_too_steep_is_refused_in_one_line():
 
 # Linear stability
 
+
 def small_motion(model: LinearModel, units: Any, small: np.ndarray) -> np.ndarray:
     """State of motion (13,) in SI of a small one (8,): place, velocity, tilt (roll, pitch), lateral rates in body."""
     x, y, vx, vy, roll, pitch, p, q = small
@@ -215,6 +225,7 @@ def test_jitter_is_left_out_of_stability_and_that_is_said():
 
 
 # Jitter
+
 
 def driven(scene: Scene) -> tuple[rigid.RigidFlight, np.ndarray]:
     """A flight from rest in a beam that jitters, and its path (n, 2) in m by the linear model driven by the record."""
@@ -283,6 +294,7 @@ def test_the_mean_square_of_an_oscillator_on_these_records_grows_as_the_closed_f
 
 
 # The basin
+
 
 @pytest.mark.parametrize("name", ["flat_top", "astigmatic"])
 def test_the_basin_takes_any_beam(name: str):

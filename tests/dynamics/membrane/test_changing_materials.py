@@ -28,6 +28,7 @@ FAR = {"fly_away_m": 1e9}
 
 # Damping
 
+
 def damped(tau: float, rings: int = 4, **groups: Any) -> Scene:
     """A dark film that damps."""
     return dark(rings, sail={"sectors": film(**COLD, damping_s=tau)}, **groups)
@@ -82,9 +83,7 @@ def test_a_sail_that_only_turns_is_not_braked(tmp_path: Path):
 @pytest.mark.parametrize("integrator", ["verlet", "semi_implicit_euler"])
 def test_damping_shortens_the_longest_stable_step(tmp_path: Path, integrator: str):
     """2/ω (√(1 + ζ²) − ζ), ζ = ωτ/2: above it refused, just below it energy only falls."""
-    scene = damped(
-        1e-5, 3, flight={"integrator": integrator, "series_every": 1}, effects={"tensile_failure": False}
-    )
+    scene = damped(1e-5, 3, flight={"integrator": integrator, "series_every": 1}, effects={"tensile_failure": False})
     mesh = sail_mesh(scene.sail)
     omega = highest_frequency(sheet_matrix(scene.sail, mesh), lattice(scene.sail, mesh, scene.flight).masses)
     zeta = 0.5 * omega * 1e-5
@@ -124,6 +123,7 @@ def test_damping_is_refused_where_it_is_not_computed(tmp_path: Path, flight: dic
 
 # Properties that change with temperature
 
+
 def changing(name: str, table: list[list[float]], **material: Any) -> list[dict[str, Any]]:
     """One sector all round of a film with a table of one property."""
     return film(**{**material, "with_temperature": {name: table}})
@@ -131,8 +131,13 @@ def changing(name: str, table: list[list[float]], **material: Any) -> list[dict[
 
 def heated(sectors: list[dict[str, Any]], **flight: Any) -> tuple[Flight, dict[str, np.ndarray]]:
     """A film in uniform light, heated at every step."""
-    scene = dark(3, sail={"sectors": sectors}, beam=WIDE, effects={"tensile_failure": False},
-                 flight={"duration_s": 5e-4, "heat_every": 1, "optics_every": 1, **FAR, **flight})
+    scene = dark(
+        3,
+        sail={"sectors": sectors},
+        beam=WIDE,
+        effects={"tensile_failure": False},
+        flight={"duration_s": 5e-4, "heat_every": 1, "optics_every": 1, **FAR, **flight},
+    )
     flown, end, series = fly(scene, {})
     assert end.reason == "finished"
     return flown, series
@@ -164,8 +169,12 @@ def test_an_absorptance_that_rises_with_temperature_heats_exponentially():
 def test_an_emissivity_that_rises_with_temperature_cools_by_the_fifth_power():
     """ε_f + ε_b = 0.2T/300 K: T⁻⁴ = T₀⁻⁴ + 4 · 0.2σt/(300 K ρhc); front and back have tables of their own."""
     tables = {"emissivity_front": [[150.0, 0.05], [3000.0, 1.0]], "emissivity_back": [[300.0, 0.1], [2000.0, 2 / 3]]}
-    scene = dark(3, sail={"sectors": film(with_temperature=tables)}, effects={"expansion": False},
-                 flight={"duration_s": 2e-3, "heat_every": 1, "start_temperature_K": 1500.0})
+    scene = dark(
+        3,
+        sail={"sectors": film(with_temperature=tables)},
+        effects={"expansion": False},
+        flight={"duration_s": 2e-3, "heat_every": 1, "start_temperature_K": 1500.0},
+    )
     _, _, series = fly(scene, {})
     time = series["time"][-1] - series["time"][0]
     first, last = series["temperature_mean"][[0, -1]]
@@ -189,16 +198,21 @@ def test_a_conductivity_that_rises_with_temperature_keeps_the_heat_and_kirchhoff
         edge = np.unique(flight.membrane.mesh.edges[flight.membrane.mesh.rim])
         inner = np.setdiff1d(np.arange(len(flow)), edge)
         assert abs(flow.sum()) < 1e-12 * np.abs(flow).max()
-        gathered.append(np.abs(flow[inner] / flight.membrane.lattice.heat_capacities[inner]).mean()
-                        / np.abs(3.0 * 600.0 * 400e-9 / AREAL / CAPACITY))
+        gathered.append(
+            np.abs(flow[inner] / flight.membrane.lattice.heat_capacities[inner]).mean()
+            / np.abs(3.0 * 600.0 * 400e-9 / AREAL / CAPACITY)
+        )
     # The defect of the scheme on a mesh of changing shapes: it falls at least at first order
     assert gathered[2] < 0.6 * gathered[1] < 0.36 * gathered[0]
 
 
 def test_an_expansion_that_rises_with_temperature_leaves_a_free_sheet_without_stress(tmp_path: Path):
     """λ = 1 + ∫ α dT: 1e-6 at 200 K, 3e-6 at 400 K, constant from there on; also below 300 K."""
-    scene = dark(3, sail={"sectors": changing("expansion_1_K", [[200.0, 1e-6], [400.0, 3e-6]], **COLD,
-                                              expansion_1_K=2e-6)}, effects={"expansion": True})
+    scene = dark(
+        3,
+        sail={"sectors": changing("expansion_1_K", [[200.0, 1e-6], [400.0, 3e-6]], **COLD, expansion_1_K=2e-6)},
+        effects={"expansion": True},
+    )
     for kelvin, stretch in ((700.0, 1.0 + 2.5e-4 + 9e-4), (250.0, 1.0 - 50.0 * 1.75e-6), (150.0, 1.0 - 1.5e-4 - 5e-5)):
         flight = Flight(scene, {}, tmp_path / str(kelvin))
         flight.state.temperature[:] = kelvin
@@ -209,15 +223,31 @@ def test_an_expansion_that_rises_with_temperature_leaves_a_free_sheet_without_st
 
 def test_tables_that_say_the_plain_value_change_nothing():
     """Constant tables of everything, in one of two regions: the same flight to rounding."""
-    names = ("heat_capacity_J_kgK", "absorptance", "emissivity_front", "emissivity_back", "conductivity_W_mK",
-             "expansion_1_K")
+    names = (
+        "heat_capacity_J_kgK",
+        "absorptance",
+        "emissivity_front",
+        "emissivity_back",
+        "conductivity_W_mK",
+        "expansion_1_K",
+    )
     plain = {**film()[0]["material"]}
     tables = {name: [[250.0, plain[name]], [900.0, plain[name]]] for name in names}
     flights = []
     for given in ({}, tables):
         sectors = [{**film()[0], "from_deg": 30.0}, {**film(with_temperature=given)[0], "from_deg": 210.0}]
-        flights.append(fly(dark(4, sail={"sectors": sectors}, beam={"intensity_W_m2": 1e9},
-                                release={"spin_Hz": -120.0}, flight={"duration_s": 5e-4}), {})[0])
+        flights.append(
+            fly(
+                dark(
+                    4,
+                    sail={"sectors": sectors},
+                    beam={"intensity_W_m2": 1e9},
+                    release={"spin_Hz": -120.0},
+                    flight={"duration_s": 5e-4},
+                ),
+                {},
+            )[0]
+        )
     (one, two) = flights
     assert two.model.effects.properties.capacity.region.size == 96
     assert (two.model.effects.properties.absorption.region >= 0).sum() == 48
@@ -227,11 +257,16 @@ def test_tables_that_say_the_plain_value_change_nothing():
 
 @pytest.mark.parametrize("effect", ["absorption", "emission", "conduction", "expansion"])
 def test_tables_of_an_effect_that_is_off_change_no_bit(effect: str):
-    names = {"absorption": "absorptance", "emission": "emissivity_front", "conduction": "conductivity_W_mK",
-             "expansion": "expansion_1_K"}
+    names = {
+        "absorption": "absorptance",
+        "emission": "emissivity_front",
+        "conduction": "conductivity_W_mK",
+        "expansion": "expansion_1_K",
+    }
     value = film()[0]["material"][names[effect]]
-    scene = dark(3, sail={"sectors": film()}, beam={"intensity_W_m2": 1e9}, effects={effect: False},
-                 flight={"duration_s": 2e-4})
+    scene = dark(
+        3, sail={"sectors": film()}, beam={"intensity_W_m2": 1e9}, effects={effect: False}, flight={"duration_s": 2e-4}
+    )
     tabled = altered(scene, sail={"sectors": changing(names[effect], [[300.0, value], [400.0, 2.0 * value]])})
     one, two = fly(scene, {})[0], fly(tabled, {})[0]
     assert all(np.array_equal(a, b) for a, b in zip(one.state, two.state, strict=True))
@@ -247,21 +282,29 @@ def test_curves_are_linear_between_knots_and_constant_beyond(tmp_path: Path):
         assert properties.at(curve, 7, kelvin) == pytest.approx(want, rel=1e-14)
 
 
-@pytest.mark.parametrize(("tables", "message"), [
-    ({"absorptance": [[300.0, 2e-5]]}, "gives 2e-05 at 300 K: must be absorptance = 1e-05"),
-    ({"absorptance": [[300.0, 1e-5], [900.0, 1.5]]}, "values must be from 0 to 1"),
-    ({"absorptance": [[300.0, 1e-5], [200.0, 1e-5]]}, "must be positive and ascend"),
-    ({"heat_capacity_J_kgK": [[300.0, 800.0], [900.0, 0.0]]}, "values must be above 0"),
-    ({"density_kg_m3": [[300.0, 2700.0]]}, "with_temperature"), ({"absorptance": []}, "at least 1 item"),
-])
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        ({"absorptance": [[300.0, 2e-5]]}, "gives 2e-05 at 300 K: must be absorptance = 1e-05"),
+        ({"absorptance": [[300.0, 1e-5], [900.0, 1.5]]}, "values must be from 0 to 1"),
+        ({"absorptance": [[300.0, 1e-5], [200.0, 1e-5]]}, "must be positive and ascend"),
+        ({"heat_capacity_J_kgK": [[300.0, 800.0], [900.0, 0.0]]}, "values must be above 0"),
+        ({"density_kg_m3": [[300.0, 2700.0]]}, "with_temperature"),
+        ({"absorptance": []}, "at least 1 item"),
+    ],
+)
 def test_tables_that_make_no_sense_are_refused(tables: dict[str, Any], message: str):
     with pytest.raises(ValidationError, match=message):
         dark(2, sail={"sectors": film(with_temperature=tables)})
 
 
-@pytest.mark.parametrize(("name", "flight"), [
-    ("expansion_1_K", {"stiffness": "van_gelder"}), ("conductivity_W_mK", {"conductance": "area"}),
-])
+@pytest.mark.parametrize(
+    ("name", "flight"),
+    [
+        ("expansion_1_K", {"stiffness": "van_gelder"}),
+        ("conductivity_W_mK", {"conductance": "area"}),
+    ],
+)
 def test_schemes_that_know_no_change_with_temperature_are_refused(tmp_path: Path, name: str, flight: dict[str, Any]):
     value = film()[0]["material"][name]
     scene = dark(2, sail={"sectors": changing(name, [[300.0, value], [900.0, 2 * value]])}, flight=flight)
@@ -271,10 +314,15 @@ def test_schemes_that_know_no_change_with_temperature_are_refused(tmp_path: Path
 
 # Heat on nodes of next to no mass
 
+
 def thin(kelvin: float, **flight: Any) -> Scene:
     """A dark film without elasticity to speak of, thin enough to radiate its heat away within a few steps."""
-    return dark(2, sail={"sectors": film(thickness_m=1e-10)}, effects={"expansion": False, "thermal_failure": False},
-                flight={"start_temperature_K": kelvin, "heat_every": 1, "series_every": 1, **flight})
+    return dark(
+        2,
+        sail={"sectors": film(thickness_m=1e-10)},
+        effects={"expansion": False, "thermal_failure": False},
+        flight={"start_temperature_K": kelvin, "heat_every": 1, "series_every": 1, **flight},
+    )
 
 
 def test_temperature_to_the_fourth_on_a_node_of_tiny_mass_is_refused_or_right(tmp_path: Path):

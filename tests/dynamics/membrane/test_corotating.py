@@ -212,8 +212,12 @@ def test_the_field_of_the_light_turns_with_the_time():
     cell = ThinFilm.model_validate({"kind": "thin_film", "name": "glassy", "wavelength_nm": 1550, "layers": [layer]})
     sectors = [{"from_deg": 0.0, "material": "silicon_43nm", "design": "glassy"}]
     scene = altered(
-        spinning(2, duration_s=4e-3), sail={"sectors": sectors}, release={"pitch_deg": 30.0}, absorptance="table",
-        reflections={"polarisation": "tracked"}, beam={"intensity_W_m2": 1e7},
+        spinning(2, duration_s=4e-3),
+        sail={"sectors": sectors},
+        release={"pitch_deg": 30.0},
+        absorptance="table",
+        reflections={"polarisation": "tracked"},
+        beam={"intensity_W_m2": 1e7},
     )
     times, tables = np.linspace(2e-4, 3.8e-3, 50), {"glassy": make_table(cell, 0.9, 1e-4)}
     power = []

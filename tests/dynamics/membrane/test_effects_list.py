@@ -72,7 +72,8 @@ def test_a_new_effect_brakes_the_sail_as_its_closed_form_says(flown: dict):
     found = flown["draught"]
     v, time = np.array(found["velocity"])[:, 0], np.array(found["time"])
     assert found["plan"] == {
-        "on": True, "reason": "air around the sail",
+        "on": True,
+        "reason": "air around the sail",
         "cost": "a pass over all nodes in each step; steps are taken one at a time",
     }
     assert v[-1] < 0.99

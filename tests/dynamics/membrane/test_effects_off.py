@@ -28,16 +28,19 @@ def sail(**material: Any) -> dict[str, Any]:
     return {"sectors": film(**material)}
 
 
-@pytest.mark.parametrize(("effect", "without"), [
-    ("conduction", {"sail": sail(conductivity_W_mK=0.0)}),
-    ("expansion", {"sail": sail(expansion_1_K=0.0)}),
-    ("emission", {"sail": sail(emissivity_front=0.0, emissivity_back=0.0)}),
-    ("light", {"sail": sail(), "beam": {"intensity_W_m2": 0.0}}),
-    ("reflections", {"sail": sail()}),
-    ("tensile_failure", {"sail": sail(strength_Pa=1e30)}),
-    ("thermal_failure", {"sail": sail(failure_temperature_K=1e30)}),
-    ("damping", {"sail": sail(damping_s=0.0)}),
-])
+@pytest.mark.parametrize(
+    ("effect", "without"),
+    [
+        ("conduction", {"sail": sail(conductivity_W_mK=0.0)}),
+        ("expansion", {"sail": sail(expansion_1_K=0.0)}),
+        ("emission", {"sail": sail(emissivity_front=0.0, emissivity_back=0.0)}),
+        ("light", {"sail": sail(), "beam": {"intensity_W_m2": 0.0}}),
+        ("reflections", {"sail": sail()}),
+        ("tensile_failure", {"sail": sail(strength_Pa=1e30)}),
+        ("thermal_failure", {"sail": sail(failure_temperature_K=1e30)}),
+        ("damping", {"sail": sail(damping_s=0.0)}),
+    ],
+)
 def test_an_effect_that_is_off_leaves_the_same_bits_as_a_sail_without(
     tmp_path: Path, effect: str, without: dict[str, Any]
 ):

@@ -21,9 +21,16 @@ POINTS, CELLS = {"velocity", "temperature"}, {"temperature", "strain", "sector",
 
 def torn(folder: Path, on_failure: str) -> tuple[Flight, Path]:
     """A sail whose halves fly apart, and its file."""
-    scene = dark(6, effects={"emission": False}, flight={
-        "on_failure": on_failure, "duration_s": 3e-4, "snapshot_every_s": 3e-5, "series_every": 1,
-    })
+    scene = dark(
+        6,
+        effects={"emission": False},
+        flight={
+            "on_failure": on_failure,
+            "duration_s": 3e-4,
+            "snapshot_every_s": 3e-5,
+            "series_every": 1,
+        },
+    )
     flight = Flight(scene, {}, folder / "journal")
     x = flight.model.rest
     flight.state.v[0] = 900.0 * np.sign(np.round(x[0], 9))
@@ -60,8 +67,10 @@ def test_vtk_and_h5py_show_every_step_of_a_sail_that_tears(tmp_path: Path, on_fa
             assert np.array_equal(corners, mesh.triangles)
             assert np.array_equal(vtk_to_numpy(data.GetPoints().GetData()), frame.points)
             for name, given, size, want in (
-                ("PointData/velocity", points, n, frame.velocity), ("CellData/strain", cells, t, frame.strain),
-                ("PointData/temperature", points, n, frame.temperature), ("CellData/failed", cells, t, frame.failed),
+                ("PointData/velocity", points, n, frame.velocity),
+                ("CellData/strain", cells, t, frame.strain),
+                ("PointData/temperature", points, n, frame.temperature),
+                ("CellData/failed", cells, t, frame.failed),
                 ("CellData/slack", cells, t, frame.slack),
             ):
                 seen = vtk_to_numpy(given.GetArray(name.split("/")[1]))

@@ -21,6 +21,7 @@ WIDE = {"intensity_W_m2": 1e9, "radius_m": 100.0}
 
 # Ends
 
+
 def test_a_sail_that_spins_too_fast_tears_and_says_where():
     end = fly(dark(release={"spin_Hz": -3000.0}, flight={"spin_up_s": 2e-3}), {})[1]
     assert end.reason == "tensile_failure"
@@ -62,7 +63,9 @@ def test_a_sail_that_absorbs_too_much_burns():
 
 def test_a_sail_that_the_beam_pushes_out_flies_away():
     scene = dark(
-        sail={"sectors": film(absorptance=0.0)}, beam={"intensity_W_m2": 1e9}, release={"pitch_deg": 20.0},
+        sail={"sectors": film(absorptance=0.0)},
+        beam={"intensity_W_m2": 1e9},
+        release={"pitch_deg": 20.0},
         flight={"fly_away_m": 1e-4, "duration_s": 1e-2},
     )
     _, end, series = fly(scene, {})
@@ -107,6 +110,7 @@ def test_bad_time_step_is_refused():
 
 # Effects
 
+
 def final(scene: Scene) -> list[np.ndarray]:
     flight, end, _ = fly(scene, TABLES if scene.sail.designs else {})
     assert end.reason == "finished"
@@ -114,8 +118,11 @@ def final(scene: Scene) -> list[np.ndarray]:
 
 
 OFF: dict[str, dict[str, Any]] = {
-    "emission": {"emissivity_front": 0.0, "emissivity_back": 0.0}, "conduction": {"conductivity_W_mK": 0.0},
-    "expansion": {"expansion_1_K": 0.0}, "absorption": {"absorptance": 0.0}, "tensile_failure": {},
+    "emission": {"emissivity_front": 0.0, "emissivity_back": 0.0},
+    "conduction": {"conductivity_W_mK": 0.0},
+    "expansion": {"expansion_1_K": 0.0},
+    "absorption": {"absorptance": 0.0},
+    "tensile_failure": {},
     "thermal_failure": {},
 }
 
@@ -124,8 +131,10 @@ OFF: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("effect", list(OFF))
 def test_an_effect_that_is_off_equals_one_that_does_nothing_to_the_bit(effect: str, integrator: str):
     scene = dark(
-        sail={"sectors": film(**OFF[effect])}, beam={"intensity_W_m2": 1e9},
-        release={"pitch_deg": 2.0, "spin_Hz": -120.0}, flight={"duration_s": 2e-4, "integrator": integrator},
+        sail={"sectors": film(**OFF[effect])},
+        beam={"intensity_W_m2": 1e9},
+        release={"pitch_deg": 2.0, "spin_Hz": -120.0},
+        flight={"duration_s": 2e-4, "integrator": integrator},
     )
     on, off = (final(altered(scene, effects={effect: value})) for value in (True, False))
     assert all(np.array_equal(a, b) for a, b in zip(on, off, strict=True))
@@ -154,6 +163,7 @@ def test_what_is_off_has_no_arrays(tmp_path: Path):
 
 
 # Repetition
+
 
 @pytest.mark.parametrize("integrator", ["semi_implicit_euler", "verlet", "rk4"])
 def test_the_same_flight_gives_the_same_bits_however_it_is_cut(integrator: str, tmp_path: Path):

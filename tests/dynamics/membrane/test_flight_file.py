@@ -67,7 +67,11 @@ def test_series_hold_si_columns_that_fit_the_snapshots(flown: Path):
         series = file["series"]
         columns = {name: data[()] for name, data in series.items()}
         assert {name: series[name].attrs["units"] for name in ("time", "position", "velocity", "pitch", "spin")} == {
-            "time": "s", "position": "m", "velocity": "m/s", "pitch": "rad", "spin": "Hz",
+            "time": "s",
+            "position": "m",
+            "velocity": "m/s",
+            "pitch": "rad",
+            "spin": "Hz",
         }
         assert series.attrs["end_reason"] == "finished"
         grid = file["VTKHDF"]
@@ -153,8 +157,9 @@ def spoil(name: str, checkpoint: Path) -> None:
             np.save(stream, np.zeros(3))
     elif name == "flipped bits":
         middle = len(content) // 2
-        checkpoint.write_bytes(content[:middle] + bytes(255 - b for b in content[middle : middle + 64])
-                               + content[middle + 64 :])
+        checkpoint.write_bytes(
+            content[:middle] + bytes(255 - b for b in content[middle : middle + 64]) + content[middle + 64 :]
+        )
     elif name == "frames lost":
         checkpoint.with_name("frames").unlink()
     else:

@@ -38,16 +38,19 @@ def load(folder: Path, g: Any, rings: int) -> np.ndarray:
     return np.concatenate([row[at : at + 3], row[at + 3 : at + 6] / RADIUS]) / unit
 
 
-@pytest.mark.parametrize(("g", "want"), [
-    # g points outward and up the light: F_z = q_n cos s − q_g sin s, s the slope
-    ("radial", [0.0, 0.0, Q_N * COSINE - Q_G * SINE, 0.0, 0.0, 0.0]),
-    ("-radial", [0.0, 0.0, Q_N * COSINE + Q_G * SINE, 0.0, 0.0, 0.0]),
-    # g goes round: the mean of r is 2R/3
-    ("tangential", [0.0, 0.0, Q_N * COSINE, 0.0, 0.0, 2.0 / 3.0 * Q_G]),
-    ("-tangential", [0.0, 0.0, Q_N * COSINE, 0.0, 0.0, -2.0 / 3.0 * Q_G]),
-    # g = (x̂ − n n_x)/√(1 − n_x²): its mean along x is that of √(1 − n_x²), n_x = sin s cos φ
-    ([1.0, 0.0], [Q_G * 2.0 / np.pi * float(ellipe(SINE**2)), 0.0, Q_N * COSINE, 0.0, None, 0.0]),
-])
+@pytest.mark.parametrize(
+    ("g", "want"),
+    [
+        # g points outward and up the light: F_z = q_n cos s − q_g sin s, s the slope
+        ("radial", [0.0, 0.0, Q_N * COSINE - Q_G * SINE, 0.0, 0.0, 0.0]),
+        ("-radial", [0.0, 0.0, Q_N * COSINE + Q_G * SINE, 0.0, 0.0, 0.0]),
+        # g goes round: the mean of r is 2R/3
+        ("tangential", [0.0, 0.0, Q_N * COSINE, 0.0, 0.0, 2.0 / 3.0 * Q_G]),
+        ("-tangential", [0.0, 0.0, Q_N * COSINE, 0.0, 0.0, -2.0 / 3.0 * Q_G]),
+        # g = (x̂ − n n_x)/√(1 − n_x²): its mean along x is that of √(1 − n_x²), n_x = sin s cos φ
+        ([1.0, 0.0], [Q_G * 2.0 / np.pi * float(ellipe(SINE**2)), 0.0, Q_N * COSINE, 0.0, None, 0.0]),
+    ],
+)
 def test_force_and_torque_on_a_cone(tmp_path: Path, g: Any, want: list[float | None]):
     """Second order in the mesh, whose rim is a polygon; in the tangent plane each triangle knows its g."""
     coarse, fine = load(tmp_path, g, 6), load(tmp_path, g, 12)

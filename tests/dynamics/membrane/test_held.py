@@ -88,7 +88,10 @@ def test_a_tensioned_disc_hangs_through_as_the_linear_membrane():
     """w₀ = q a²/(4N) (Timoshenko & Woinowsky-Krieger, Theory of Plates and Shells, §97), as the mesh gets finer."""
     tension, gravity = 10.0, 5.0
     held = {
-        "rim": "clamped", "tension_N_m": tension, "gravity_m_s2": [0.0, 0.0, -gravity], "drag_1_s": 600.0,
+        "rim": "clamped",
+        "tension_N_m": tension,
+        "gravity_m_s2": [0.0, 0.0, -gravity],
+        "drag_1_s": 600.0,
         "rest_speed_m_s": 1e-8,
     }
     found = [
@@ -126,12 +129,18 @@ def test_frequencies_of_a_clamped_drum(tmp_path: Path, diameters: int, circle: i
 def test_a_pad_on_springs_moves_by_the_force_of_the_light_over_their_stiffness():
     spring, tension = 50.0, 3.0
     held = {
-        "rim": "springs", "rim_stiffness_N_m2": spring, "tension_N_m": tension, "drag_1_s": 500.0,
+        "rim": "springs",
+        "rim_stiffness_N_m2": spring,
+        "tension_N_m": tension,
+        "drag_1_s": 500.0,
         "rest_speed_m_s": 1e-10,
     }
     beam = {"intensity_W_m2": 1e7, "radius_m": 0.3, "on_s": 10.0}
     scene = dark(
-        rings=6, held=held, beam=beam, sail={"sectors": film(**MIRROR)},
+        rings=6,
+        held=held,
+        beam=beam,
+        sail={"sectors": film(**MIRROR)},
         flight={"duration_s": 2.0, "snapshot_every_s": 5e-3},
     )
     flight, end, columns = fly(scene, {})
@@ -156,7 +165,9 @@ def test_a_tension_of_its_own_keeps_a_sail_on_springs_where_it_is():
 def test_a_single_held_node_carries_the_sail():
     """A film that hangs on a spring at its middle: the spring bears its weight."""
     held = {
-        "parts": [{"at_m": [0.0, 0.0], "stiffness_N_m": 5.0}], "gravity_m_s2": [0.0, 9.81, 0.0], "drag_1_s": 150.0,
+        "parts": [{"at_m": [0.0, 0.0], "stiffness_N_m": 5.0}],
+        "gravity_m_s2": [0.0, 9.81, 0.0],
+        "drag_1_s": 150.0,
         "rest_speed_m_s": 1e-7,
     }
     held_sail = at_rest(4, held, flight={"duration_s": 1.0, "snapshot_every_s": 1e-3})
@@ -169,8 +180,11 @@ def test_held_nodes_stay_to_the_bit(damping: float):
     """So they do in a film that damps its motion, which moves them with forces of its own."""
     held = {"parts": [{"at_m": [0.2, 0.1], "radius_m": 0.1}, {"at_m": [-0.3, 0.0]}], "gravity_m_s2": [3.0, 1.0, 100.0]}
     scene = dark(
-        rings=5, held={**held, "rim": "clamped"}, sail={"sectors": film(**DARK, damping_s=damping)},
-        release={"offset_m": [0.1, 0.0], "pitch_deg": 3.0}, flight={"duration_s": 1e-3},
+        rings=5,
+        held={**held, "rim": "clamped"},
+        sail={"sectors": film(**DARK, damping_s=damping)},
+        release={"offset_m": [0.1, 0.0], "pitch_deg": 3.0},
+        flight={"duration_s": 1e-3},
     )
     flight, _, _ = fly(scene, {})
     fixed = supports(scene.held, flight.membrane.mesh).fixed
@@ -256,7 +270,9 @@ def test_a_clamped_film_goes_slack_where_heat_takes_its_tension():
     tension, edge = 10.0, 10.0 * (1.0 - FILM["poisson"]) / (STIFFNESS * FILM["expansion_1_K"])
     for share, slack in ((0.99, 0.0), (1.01, 1.0)):
         scene = dark(
-            rings=3, held={"rim": "clamped", "tension_N_m": tension}, effects={"expansion": True, "emission": True},
+            rings=3,
+            held={"rim": "clamped", "tension_N_m": tension},
+            effects={"expansion": True, "emission": True},
             flight={"start_temperature_K": 300.0 + share * edge, "duration_s": 1e-5, "heat_every": 1},
         )
         flight, _, _ = fly(scene, {})
@@ -273,22 +289,28 @@ def test_area_slopes_are_those_of_the_area():
     assert (areas[1] - areas[0]) / 2.0 == pytest.approx(float(np.sum(area_slopes(mesh) * change)), rel=1e-6)
 
 
-@pytest.mark.parametrize(("held", "groups", "said"), [
-    ({"rim": "springs"}, {}, "rim_stiffness_N_m2: must be given"),
-    ({"tension_N_m": 1.0}, {}, "tension_N_m = 1: needs rim"),
-    ({"rim": "clamped"}, {"release": {"spin_Hz": 10.0}}, "spin_Hz = 10: must be 0"),
-])
+@pytest.mark.parametrize(
+    ("held", "groups", "said"),
+    [
+        ({"rim": "springs"}, {}, "rim_stiffness_N_m2: must be given"),
+        ({"tension_N_m": 1.0}, {}, "tension_N_m = 1: needs rim"),
+        ({"rim": "clamped"}, {"release": {"spin_Hz": 10.0}}, "spin_Hz = 10: must be 0"),
+    ],
+)
 def test_what_makes_no_sense_is_refused(held: dict[str, Any], groups: dict[str, Any], said: str):
     with pytest.raises(ValueError, match=said):
         dark(held=held, **groups)
 
 
-@pytest.mark.parametrize(("held", "flight", "said"), [
-    ({"rim": "clamped", "tension_N_m": 1e5}, {}, "held.tension_N_m = 100000: must be below"),
-    ({"rim": "clamped", "tension_N_m": 1.0}, {"stiffness": "lattice"}, "must be triangles with held.tension_N_m"),
-    ({"rim": "clamped"}, {"integrator": "corotating"}, "must be verlet or semi_implicit_euler with held"),
-    ({"drag_1_s": 1e9}, {}, "held.drag_1_s = 1e\\+09: must be at most"),
-])
+@pytest.mark.parametrize(
+    ("held", "flight", "said"),
+    [
+        ({"rim": "clamped", "tension_N_m": 1e5}, {}, "held.tension_N_m = 100000: must be below"),
+        ({"rim": "clamped", "tension_N_m": 1.0}, {"stiffness": "lattice"}, "must be triangles with held.tension_N_m"),
+        ({"rim": "clamped"}, {"integrator": "corotating"}, "must be verlet or semi_implicit_euler with held"),
+        ({"drag_1_s": 1e9}, {}, "held.drag_1_s = 1e\\+09: must be at most"),
+    ],
+)
 def test_what_the_schemes_cannot_fly_is_refused(
     tmp_path: Path, held: dict[str, Any], flight: dict[str, Any], said: str
 ):

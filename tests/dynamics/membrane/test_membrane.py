@@ -35,6 +35,7 @@ def swinging(tmp_path: Path, integrator: str, dt: float) -> Flight:
 
 # Motion without light
 
+
 @pytest.mark.parametrize("integrator", ["semi_implicit_euler", "verlet", "rk4"])
 def test_free_flight_conserves_momentum_and_angular_momentum(tmp_path: Path, integrator: str):
     flight = swinging(tmp_path, integrator, 2e-6)
@@ -68,9 +69,14 @@ def test_integrators_converge_at_their_order(tmp_path: Path, integrator: str, or
     assert np.log2(ratio) == pytest.approx(order, abs=0.25)
 
 
-@pytest.mark.parametrize(("strain", "name"), [
-    ([[1.0, 0.0], [0.0, 0.0]], "along x"), ([[0.0, 1.0], [1.0, 0.0]], "shear"), ([[1.0, 0.3], [0.3, -0.5]], "mixed"),
-])
+@pytest.mark.parametrize(
+    ("strain", "name"),
+    [
+        ([[1.0, 0.0], [0.0, 0.0]], "along x"),
+        ([[0.0, 1.0], [1.0, 0.0]], "shear"),
+        ([[1.0, 0.3], [0.3, -0.5]], "mixed"),
+    ],
+)
 def test_springs_of_equilateral_triangles_hold_the_energy_of_an_elastic_sheet(strain: list[list[float]], name: str):
     """½ Eh/(1 − ν²) ((ε_x + ε_y)² − 2(1 − ν)(ε_x ε_y − ε_xy²)) an area at ν = 1/3: six equilateral triangles."""
     m = sail_mesh(dark(1, sail={"sectors": film(poisson=1 / 3)}).sail)
@@ -108,6 +114,7 @@ def rim_error(scene: Scene, omega: float) -> float:
 
 
 # Spin-up and release
+
 
 def spinning(**flight: Any) -> Scene:
     return dark(release={"spin_Hz": -120.0}, flight={"duration_s": 1e-4, "series_every": 1, **flight})
@@ -148,6 +155,7 @@ def test_release_tilts_the_spin_axis_with_the_sail():
 
 # Heat
 
+
 def test_a_freely_expanding_sail_has_no_stress(tmp_path: Path):
     scene = dark(effects={"expansion": True}, flight={"series_every": 1})
     flight = Flight(scene, {}, tmp_path)
@@ -161,9 +169,7 @@ def test_a_freely_expanding_sail_has_no_stress(tmp_path: Path):
 @pytest.mark.parametrize("stiffness", ["triangles", "van_gelder"])
 def test_expansion_that_is_held_back_gives_the_thermal_strain(tmp_path: Path, stiffness: str):
     """Springs: 1/λ − 1. Triangles: Green strain ½(1 − λ²), as a change of length √(2 − λ²) − 1."""
-    flight = Flight(
-        dark(effects={"expansion": True}, flight={"series_every": 1, "stiffness": stiffness}), {}, tmp_path
-    )
+    flight = Flight(dark(effects={"expansion": True}, flight={"series_every": 1, "stiffness": stiffness}), {}, tmp_path)
     flight.state.temperature[:] = 700.0
     rows = steps(flight, 1)
     growth = 1.0 + 2.3e-6 * 400.0
@@ -174,7 +180,8 @@ def test_expansion_that_is_held_back_gives_the_thermal_strain(tmp_path: Path, st
 def test_temperature_ends_at_radiative_equilibrium():
     """a I = σ (ε_f + ε_b) T⁴ on every node, in a beam much wider than the sail."""
     scene = dark(
-        sail={"sectors": film()}, beam={"intensity_W_m2": 1e9, "radius_m": 1e4},
+        sail={"sectors": film()},
+        beam={"intensity_W_m2": 1e9, "radius_m": 1e4},
         flight={"duration_s": 5e-3, "thermal_rate": 100.0, "heat_every": 1, "fly_away_m": 1e3},
     )
     flight, _, series = fly(scene, {})
@@ -197,7 +204,9 @@ def test_conduction_moves_heat_without_making_any_and_spares_linear_fields(tmp_p
 def test_emission_cools_as_the_closed_form_says():
     """T⁻³ = T₀⁻³ + 3σ(ε_f + ε_b)t/(ρhc) without light; first order in the time step."""
     scene = small(
-        sail={"sectors": film()}, beam={"intensity_W_m2": 0.0}, release={"spin_Hz": 0.0, "offset_m": [0.0, 0.0]},
+        sail={"sectors": film()},
+        beam={"intensity_W_m2": 0.0},
+        release={"spin_Hz": 0.0, "offset_m": [0.0, 0.0]},
         flight={"duration_s": 2e-3, "heat_every": 1, "start_temperature_K": 1500.0},
         effects={"expansion": False},
     )
@@ -251,10 +260,12 @@ def test_force_and_torque_are_those_of_the_rigid_sail(tmp_path: Path, incidence:
         _, row = pose(scene, tmp_path, 0.03, -0.02, 0.9)
         turn = rotation_from_angles(0.03, -0.02, 0.9)
         force, torque, _ = rigid_body(scene, TABLES).load(np.array([0.05, -0.03, 0.0]), turn)
-        off = np.concatenate([
-            (column(row, "force") - force) / np.linalg.norm(force),
-            (column(row, "torque") - turn @ torque) / np.linalg.norm(torque),
-        ])
+        off = np.concatenate(
+            [
+                (column(row, "force") - force) / np.linalg.norm(force),
+                (column(row, "torque") - turn @ torque) / np.linalg.norm(torque),
+            ]
+        )
         errors.append(np.abs(off).max())
     assert errors[1] < 0.002
     assert errors[1] < 0.35 * errors[0]
@@ -306,8 +317,11 @@ def test_a_stiff_sail_flies_like_the_rigid_one():
         for s in FIG6.sail.sectors
     ]
     scene = small(
-        rings=8, sail={"sectors": stiff}, flight={"duration_s": 0.01, "series_every": 64},
-        effects={"absorption": False, "emission": False}, rigid={"duration_s": 0.01},
+        rings=8,
+        sail={"sectors": stiff},
+        flight={"duration_s": 0.01, "series_every": 64},
+        effects={"absorption": False, "emission": False},
+        rigid={"duration_s": 0.01},
     )
     _, end, series = fly(scene, TABLES)
     start = np.flatnonzero(series["time"] == 0.0)[0]

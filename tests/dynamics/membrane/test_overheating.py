@@ -86,7 +86,10 @@ def runaway(**flight: Any) -> Scene:
     """A film that takes up the more the hotter it is, until it fails at 1200 K."""
     table = [[300, 1e-6], [500, 1e-5], [700, 1e-4], [900, 1e-3], [1100, 1e-2]]
     hot = film(
-        thickness_m=43e-9, failure_temperature_K=1200.0, absorptance=1e-6, with_temperature={"absorptance": table},
+        thickness_m=43e-9,
+        failure_temperature_K=1200.0,
+        absorptance=1e-6,
+        with_temperature={"absorptance": table},
     )
     flight = {"duration_s": 0.05, "series_every": 64, "start_temperature_K": 500.0, **flight}
     return small(rings=5, sail={"sectors": hot}, release={"offset_m": [0.0, 0.0], "spin_Hz": 120.0}, flight=flight)
@@ -131,7 +134,9 @@ def test_each_material_fails_at_its_own_temperature():
     weak = {**film(failure_temperature_K=600.0)[0], "from_deg": 0.0}
     strong = {**film(failure_temperature_K=1e5)[0], "from_deg": 180.0}
     scene = altered(
-        runaway(), sail={"sectors": [weak, strong], "rings": 5, "rotation_deg": 0.0}, flight={"on_failure": "record"},
+        runaway(),
+        sail={"sectors": [weak, strong], "rings": 5, "rotation_deg": 0.0},
+        flight={"on_failure": "record"},
     )
     model = build(scene, {}).model
     assert set(model.effects.heat.limit[build(scene, {}).mesh.sector == 0]) == {600.0}

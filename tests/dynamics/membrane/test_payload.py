@@ -19,7 +19,8 @@ def test_a_pendulum_on_a_held_node_swings_and_pulls_as_it_should():
     place = [length * float(np.sin(angle)), 0.0, -length * float(np.cos(angle))]
     tether = {"to_m": [0.0, 0.0], "stiffness_N_m": 1e4, "length_m": length}
     scene = dark(
-        rings=2, held={"rim": "clamped", "parts": [{"at_m": [0.0, 0.0]}], "gravity_m_s2": [0.0, 0.0, -gravity]},
+        rings=2,
+        held={"rim": "clamped", "parts": [{"at_m": [0.0, 0.0]}], "gravity_m_s2": [0.0, 0.0, -gravity]},
         payload=[{"mass_kg": mass, "position_m": place, "tethers": [tether]}],
         flight={"duration_s": 0.13, "series_every": 4},
     )
@@ -41,7 +42,8 @@ def test_a_mass_on_damped_struts_within_its_sail_dies_down():
     mass, each, delay, aside = 1e-4, 5.0, 2e-3, 1e-3
     struts = ring(4, 0.3, each, damping_s=delay, length_m=0.3, pushes=True)
     scene = dark(
-        rings=3, payload=[{"mass_kg": mass, "position_m": [aside, 0.0, 0.0], "tethers": struts}],
+        rings=3,
+        payload=[{"mass_kg": mass, "position_m": [aside, 0.0, 0.0], "tethers": struts}],
         flight={"duration_s": 3e-2, "series_every": 16},
     )
     flight, _, columns = fly(scene, {})
@@ -59,10 +61,14 @@ def towed_flight(folder: Path, **more: float) -> Flight:
     """A turning, lit sail that tows two masses on tethers, one of them slack at first, after some hundred steps."""
     payload = [
         behind(1e-4, 0.3, ring(3, 0.31, 2e3, damping_s=1e-6, **more)),
-        {"mass_kg": 5e-5, "position_m": [0.1, -0.05, -0.2], "tethers": [
-            {"to_m": [0.13, 0.02], "stiffness_N_m": 500.0, "length_m": 0.2002},
-            {"to_m": [-0.2, 0.11], "stiffness_N_m": 800.0, "pushes": True},
-        ]},
+        {
+            "mass_kg": 5e-5,
+            "position_m": [0.1, -0.05, -0.2],
+            "tethers": [
+                {"to_m": [0.13, 0.02], "stiffness_N_m": 500.0, "length_m": 0.2002},
+                {"to_m": [-0.2, 0.11], "stiffness_N_m": 800.0, "pushes": True},
+            ],
+        },
     ]
     sail = {"sectors": film(emissivity_front=0.0, emissivity_back=0.0, absorptance=0.0)}
     flight = Flight(small(rings=4, sail=sail, payload=payload, beam={"radius_m": 0.5}), {}, folder)
@@ -112,7 +118,9 @@ def test_a_tether_snaps_at_its_strength_and_for_ever(tmp_path: Path):
 def test_a_flight_with_payload_goes_on_to_the_same_bits(tmp_path: Path):
     """Its masses are part of the checkpoint, and of the file's columns."""
     scene = small(
-        rings=3, sail={"sectors": film()}, payload=[behind(1e-4, 0.2, ring(2, 0.2, 100.0))],
+        rings=3,
+        sail={"sectors": film()},
+        payload=[behind(1e-4, 0.2, ring(2, 0.2, 100.0))],
         flight={"duration_s": 5e-4, "snapshot_every_s": 1e-4},
     )
     flight, end, columns = fly(scene, {})
@@ -134,7 +142,9 @@ def test_a_flight_with_payload_goes_on_to_the_same_bits(tmp_path: Path):
 def test_a_payload_spins_up_and_is_released_with_its_sail(tmp_path: Path):
     """On a strut within the plane, as if it were a part of the sail."""
     scene = small(
-        rings=4, sail={"sectors": film()}, flight={"duration_s": 1e-5, "spin_up_s": 2e-3},
+        rings=4,
+        sail={"sectors": film()},
+        flight={"duration_s": 1e-5, "spin_up_s": 2e-3},
         release={"offset_m": [0.1, 0.0], "pitch_deg": 5.0, "roll_deg": 0.0, "spin_Hz": 20.0},
         payload=[{"mass_kg": 1e-6, "position_m": [0.2, 0.1, 0.0], "tethers": ring(3, 0.3, 500.0, pushes=True)}],
     )

@@ -47,8 +47,14 @@ def tracked(
     beam = {"polarisation": "lab", "polarisation_deg": degrees, **groups.pop("beam", {})}
     bounced = {"polarisation": "tracked", **groups.pop("reflections", {})}
     return lit(
-        tmp_path, {design: tables[design]}, sail=sail, beam=beam, reflections=bounced, absorptance="table",
-        outside_table="clamp", **groups,
+        tmp_path,
+        {design: tables[design]},
+        sail=sail,
+        beam=beam,
+        reflections=bounced,
+        absorptance="table",
+        outside_table="clamp",
+        **groups,
     )
 
 
@@ -57,6 +63,7 @@ def response(made: ThinFilm, cosine: float) -> np.ndarray:
 
 
 # Films
+
 
 def test_amplitudes_are_those_of_the_transfer_matrix():
     """tmm, whose p light has the same sign; |r|² is R, and r_p = −r_s at normal incidence."""
@@ -92,6 +99,7 @@ def test_tables_without_amplitudes_are_refused_in_one_line(tmp_path: Path, table
 
 
 # One ray
+
 
 def jones_chain(normals: np.ndarray, films: np.ndarray, field: np.ndarray) -> list[float]:
     """Shares of the first power left after each facet: 2 × 2 Jones matrices, turned from one facet's axes to the next.
@@ -150,6 +158,7 @@ def test_an_ideal_mirror_turns_the_field_as_a_conductor_does():
 
 # Sails
 
+
 def test_at_normal_incidence_polarisation_makes_no_difference(tmp_path: Path, tables: dict[str, PressureTable]):
     _, row = tracked(tmp_path, tables, "glassy", 33.0, rings=3)
     flight, mean = tracked(tmp_path, tables, "glassy", 33.0, rings=3, reflections={"polarisation": "mean"})
@@ -165,6 +174,7 @@ def test_a_right_angle_tells_s_from_p(tmp_path: Path, tables: dict[str, Pressure
 
     At 45° half of the power is in each; at 30° from y, 3/4 in s. Force: (P/c)(1 + R'²) + transmitted light's nothing.
     """
+
     def folded(x: np.ndarray) -> np.ndarray:
         return np.stack([x[0] / np.sqrt(2.0), x[1], -np.abs(x[0]) / np.sqrt(2.0)])
 
@@ -190,7 +200,13 @@ def test_a_paraboloid_keeps_s_and_p_apart(tmp_path: Path, tables: dict[str, Pres
     left = {}
     for kind in ("tracked", "mean"):
         flight, row = tracked(
-            tmp_path, tables, "glassy", 40.0, sail=BOWL, rings=24, reflections={"polarisation": kind, "rays_a_side": 2},
+            tmp_path,
+            tables,
+            "glassy",
+            40.0,
+            sail=BOWL,
+            rings=24,
+            reflections={"polarisation": kind, "rays_a_side": 2},
         )
         left[kind] = flight.work.effects.reflections.account[reflections.LEAVES] / row[COLUMNS["power_incident"]]
     f, rim = 0.5 / (4 * 1.4), flight.model.rest[:2].max()
@@ -235,7 +251,13 @@ def test_no_polarised_power_is_lost_or_made(tmp_path: Path, tables: dict[str, Pr
 def test_the_force_is_what_polarised_light_loses_in_momentum(tmp_path: Path, tables: dict[str, PressureTable]):
     """An opaque metal: F = (incident − leaving)/c, but for what interpolation lets through."""
     flight, row = tracked(
-        tmp_path, tables, "metal", 20.0, sail=BOWL, rings=5, shape=crumpled,
+        tmp_path,
+        tables,
+        "metal",
+        20.0,
+        sail=BOWL,
+        rings=5,
+        shape=crumpled,
         reflections={"bounces": 500, "cutoff": 0.0},
     )
     account = flight.work.effects.reflections.account
@@ -251,7 +273,13 @@ def test_first_hits_of_two_crossed_fields_are_those_of_unpolarised_light(
     convex = {**BOWL, "depth": -1.4}
     rows = [tracked(tmp_path, tables, "glassy", a, sail=convex, rings=4)[1] for a in (25.0, 115.0)]
     _, mean = tracked(
-        tmp_path, tables, "glassy", 0.0, sail=convex, rings=4, effects={"reflections": True},
+        tmp_path,
+        tables,
+        "glassy",
+        0.0,
+        sail=convex,
+        rings=4,
+        effects={"reflections": True},
         reflections={"polarisation": "mean"},
     )
     for name in ("force", "power_absorbed"):
@@ -270,8 +298,16 @@ def test_nothing_changes_when_sail_and_field_turn_together(tmp_path: Path, table
     turned = [
         tracked(tmp_path, tables, "glassy", 47.0, sail=BOWL, rings=4, shape=lambda x: turn @ crumpled(x)),
         tracked(tmp_path, tables, "glassy", 30.0, sail=BOWL, rings=4, shape=crumpled, beam={"polarisation": "sail"}),
-        tracked(tmp_path, tables, "glassy", 30.0, sail=BOWL, rings=4, shape=lambda x: turn @ crumpled(x),
-                beam={"polarisation": "sail"}),
+        tracked(
+            tmp_path,
+            tables,
+            "glassy",
+            30.0,
+            sail=BOWL,
+            rings=4,
+            shape=lambda x: turn @ crumpled(x),
+            beam={"polarisation": "sail"},
+        ),
     ]
     absorbed = COLUMNS["power_absorbed"]
     assert turned[0][1][absorbed] == pytest.approx(row[absorbed], rel=1e-12)
@@ -293,6 +329,7 @@ def test_a_turning_field_is_where_its_rate_takes_it(tmp_path: Path, tables: dict
 
 
 # Scenes
+
 
 def test_tracking_is_on_from_the_first_hit_and_needs_reflections():
     groups = {"sail": {"sectors": film()}, "beam": WIDE}

@@ -29,10 +29,15 @@ def test_a_lit_spinning_flight_converges_at_second_order_in_the_mesh():
     ends: dict[str, list[Any]] = {"position": [], "velocity": [], "pitch": [], "temperature_mean": []}
     for rings in (4, 8, 16):
         scene = small(rings=rings, flight={"duration_s": 3e-3, "time_step_s": 2.2e-6, "series_every": 64})
-        scene = altered(scene, sail={"sectors": [
-            {**s.model_dump(), "material": {**s.properties.model_dump(), "absorptance": 1e-4}}
-            for s in scene.sail.sectors
-        ]})
+        scene = altered(
+            scene,
+            sail={
+                "sectors": [
+                    {**s.model_dump(), "material": {**s.properties.model_dump(), "absorptance": 1e-4}}
+                    for s in scene.sail.sectors
+                ]
+            },
+        )
         _, end, series = fly(scene, TABLES)
         assert end.reason == "finished"
         for name, values in ends.items():
@@ -46,16 +51,24 @@ def surface(profile: str, depth: float, x: np.ndarray) -> np.ndarray:
     """∫ √(1 + z'²) r dr from the apex to x (Bronshtein, §3.3), of a sail of half a metre."""
     slope, ball = 2.0 * depth / 0.5, 0.5 / (np.pi / 2 - np.arcsin(1.0 - depth)) if depth < 1 else 1.0
     return {
-        "flat": 0.5 * x**2, "cone": 0.5 * x**2 * np.sqrt(1.0 + depth**2),
+        "flat": 0.5 * x**2,
+        "cone": 0.5 * x**2 * np.sqrt(1.0 + depth**2),
         "paraboloid": ((1.0 + (slope * x) ** 2) ** 1.5 - 1.0) / (3.0 * slope**2 + 1e-300),
         "sphere": ball * (ball - np.sqrt(np.maximum(ball**2 - x**2, 0.0))),
     }[profile]
 
 
-@pytest.mark.parametrize(("outline", "profile", "depth"), [
-    ("round", "paraboloid", 1.4), ("round", "cone", 0.7), ("round", "sphere", 0.5), ("hexagonal", "paraboloid", 1.0),
-    ("hexagonal", "sphere", 0.5), ("square", "paraboloid", 0.6),
-])
+@pytest.mark.parametrize(
+    ("outline", "profile", "depth"),
+    [
+        ("round", "paraboloid", 1.4),
+        ("round", "cone", 0.7),
+        ("round", "sphere", 0.5),
+        ("hexagonal", "paraboloid", 1.0),
+        ("hexagonal", "sphere", 0.5),
+        ("square", "paraboloid", 0.6),
+    ],
+)
 def test_areas_of_curved_sails_are_those_of_their_surfaces_at_second_order(outline: str, profile: str, depth: float):
     """A = ∫ dφ ∫ √(1 + z'²) r dr up to the mesh's own rim, of polygons ρ cos(half a side's angle)/cos φ."""
     sides = {"round": 0, "hexagonal": 6, "square": 4}[outline]
@@ -85,8 +98,13 @@ def test_a_beam_whose_edge_lies_at_the_rim_pushes_as_its_integral_over_the_disc(
     want = np.array([light.sum(), -(light * x).sum()])
     errors = []
     for rings in (17, 34, 68):
-        scene = dark(rings, sail={"sectors": film(), "rotation_deg": 0.0}, effects={"emission": False},
-                     beam={"intensity_W_m2": 1e9, "radius_m": 0.06, "on_s": 1.0}, flight={"fly_away_m": 2.0})
+        scene = dark(
+            rings,
+            sail={"sectors": film(), "rotation_deg": 0.0},
+            effects={"emission": False},
+            beam={"intensity_W_m2": 1e9, "radius_m": 0.06, "on_s": 1.0},
+            flight={"fly_away_m": 2.0},
+        )
         flight = Flight(scene, {}, tmp_path / str(rings))
         flight.state.x[0] -= place
         flight.step = flight.model.release + 8
@@ -106,8 +124,12 @@ def stiff(rings: int) -> Scene:
         for s in FIG6.sail.sectors
     ]
     return small(
-        rings=rings, sail={"sectors": sectors}, beam={"intensity_W_m2": 1e7}, release={"spin_Hz": -240.0},
-        flight={"duration_s": 0.1, "series_every": 512, "snapshot_every_s": 1.0}, rigid={"duration_s": 0.1},
+        rings=rings,
+        sail={"sectors": sectors},
+        beam={"intensity_W_m2": 1e7},
+        release={"spin_Hz": -240.0},
+        flight={"duration_s": 0.1, "series_every": 512, "snapshot_every_s": 1.0},
+        rigid={"duration_s": 0.1},
         effects={"absorption": False, "emission": False},
     )
 

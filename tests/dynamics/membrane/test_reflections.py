@@ -18,13 +18,19 @@ from tests.membranes import altered, dark, film, normals
 from tests.mirrors import BOWL, WIDE, force, lit
 from tests.synthetic import smooth_tables
 
-SILICON = ThinFilm.model_validate({
-    "kind": "thin_film", "name": "si43", "wavelength_nm": 1550, "polarisation": "mean",
-    "layers": [{"thickness_nm": 43, "index": {"n": 3.48, "k": 1.2e-6}}],
-})
+SILICON = ThinFilm.model_validate(
+    {
+        "kind": "thin_film",
+        "name": "si43",
+        "wavelength_nm": 1550,
+        "polarisation": "mean",
+        "layers": [{"thickness_nm": 43, "index": {"n": 3.48, "k": 1.2e-6}}],
+    }
+)
 
 
 # Nearest hits
+
 
 def test_the_tree_finds_what_asking_every_triangle_finds(tmp_path: Path):
     """A crumpled sheet, rays from everywhere: the same triangle and distance to the bit."""
@@ -50,6 +56,7 @@ def test_the_tree_finds_what_asking_every_triangle_finds(tmp_path: Path):
 
 # Accounts
 
+
 @pytest.mark.parametrize("rays", [1, 3])
 def test_no_power_is_lost_or_made(tmp_path: Path, rays: int):
     """Incident = absorbed + passed through + leaving + given up, to rounding."""
@@ -68,8 +75,11 @@ def test_the_force_is_what_the_light_loses_in_momentum(tmp_path: Path):
     """An opaque crumpled mirror: F = (incident − leaving)/c, whichever face is hit; nothing given up."""
     random = np.random.default_rng(7)
     flight, row = lit(
-        tmp_path, sail={**BOWL, "sectors": film(reflectance=0.9, absorptance=0.1)}, rings=5,
-        shape=lambda x: x + 0.02 * random.standard_normal(x.shape), reflections={"bounces": 500, "cutoff": 0.0},
+        tmp_path,
+        sail={**BOWL, "sectors": film(reflectance=0.9, absorptance=0.1)},
+        rings=5,
+        shape=lambda x: x + 0.02 * random.standard_normal(x.shape),
+        reflections={"bounces": 500, "cutoff": 0.0},
     )
     account = flight.work.effects.reflections.account
     leaving = account[reflections.MOMENTUM : reflections.MOMENTUM + 3]
@@ -80,6 +90,7 @@ def test_the_force_is_what_the_light_loses_in_momentum(tmp_path: Path):
 
 def test_a_right_angle_sends_light_back_where_it_came_from(tmp_path: Path):
     """Two plane mirrors at 45°: every ray hits both and leaves along −z with R²: F_z = (P/c)(1 + R²) if opaque."""
+
     def folded(x: np.ndarray) -> np.ndarray:
         return np.stack([x[0] / np.sqrt(2.0), x[1], -np.abs(x[0]) / np.sqrt(2.0)])
 
@@ -94,6 +105,7 @@ def test_a_right_angle_sends_light_back_where_it_came_from(tmp_path: Path):
 
 def test_backs_of_mirrors_reflect_like_their_fronts(tmp_path: Path):
     """The same fold turned over (light on the convex side) and within it a ray trap: each face is a mirror alike."""
+
     def closed(x: np.ndarray) -> np.ndarray:
         """Half the sheet at 45°, the other half upright and turned over, so that its back is hit."""
         left = np.stack([x[0] / np.sqrt(2.0), x[1], x[0] / np.sqrt(2.0)])
@@ -139,6 +151,7 @@ def test_more_rays_a_triangle_converge(tmp_path: Path):
 
 # Films
 
+
 def test_a_film_s_table_gives_its_reflectance_and_absorptance_at_every_angle(tmp_path: Path):
     table = make_table(SILICON, 0.999, 1e-6)
     sail = {**BOWL, "sectors": [{"from_deg": 0.0, "material": "silicon_43nm", "design": "si43"}]}
@@ -146,7 +159,10 @@ def test_a_film_s_table_gives_its_reflectance_and_absorptance_at_every_angle(tmp
     for degrees in (0.0, 30.0, 45.0, 60.0, 70.0, 80.0):
         want = solve(SILICON, np.array([np.sin(np.radians(degrees))]))
         got = reflections.response(
-            flight.model.effects.reflections, flight.model.effects.light, flight.work.effects.light.absorptance, 0,
+            flight.model.effects.reflections,
+            flight.model.effects.light,
+            flight.work.effects.light.absorptance,
+            0,
             np.cos(np.radians(degrees)),
         )
         assert got[0] == pytest.approx(float(want.reflectance[0]), abs=1e-5)
@@ -162,10 +178,17 @@ def test_gratings_are_not_traced():
 
 # On only when the scene calls for it
 
-@pytest.mark.parametrize(("sail", "on"), [
-    ({}, False), (BOWL, True), ({**BOWL, "depth": 0.2}, False), ({"profile": "cone", "depth": 1.0}, True),
-    ({**BOWL, "sectors": film(reflectance=0.0)}, False),
-])
+
+@pytest.mark.parametrize(
+    ("sail", "on"),
+    [
+        ({}, False),
+        (BOWL, True),
+        ({**BOWL, "depth": 0.2}, False),
+        ({"profile": "cone", "depth": 1.0}, True),
+        ({**BOWL, "sectors": film(reflectance=0.0)}, False),
+    ],
+)
 def test_only_steep_reflecting_sails_call_for_reflections(tmp_path: Path, sail: dict[str, Any], on: bool):
     scene = dark(2, sail={"sectors": film(), **sail}, beam=WIDE)
     assert plan(scene)["reflections"].on == on
@@ -173,8 +196,13 @@ def test_only_steep_reflecting_sails_call_for_reflections(tmp_path: Path, sail: 
 
 
 def test_reflections_that_hit_nothing_leave_every_bit_as_it_was():
-    scene = dark(3, sail={"sectors": film(reflectance=0.5)}, beam=WIDE, release={"spin_Hz": -120.0},
-                 flight={"duration_s": 2e-4, "fly_away_m": 1e3})
+    scene = dark(
+        3,
+        sail={"sectors": film(reflectance=0.5)},
+        beam=WIDE,
+        release={"spin_Hz": -120.0},
+        flight={"duration_s": 2e-4, "fly_away_m": 1e3},
+    )
     on, off = (fly(altered(scene, effects={"reflections": value}), {})[0].state for value in (True, False))
     assert all(np.array_equal(a, b) for a, b in zip(on, off, strict=True))
 

@@ -26,15 +26,24 @@ MAPS: dict[str, dict[str, Any]] = {
     "sectors": {"sectors": [region(0.2, 1e-3, 2e-7, from_deg=30.0), region(0.7, 3e-3, 6e-7, from_deg=150.0)]},
     "sectors with a rim": {
         "sectors": [region(0.2, 1e-3, 2e-7, from_deg=30.0), region(0.7, 3e-3, 6e-7, from_deg=150.0)],
-        "rim": {"from_m": 0.4, "sectors": [
-            region(0.9, 0.0, 4e-7, from_deg=0.0), region(0.1, 2e-3, 3e-7, from_deg=90.0),
-        ]},
+        "rim": {
+            "from_m": 0.4,
+            "sectors": [
+                region(0.9, 0.0, 4e-7, from_deg=0.0),
+                region(0.1, 2e-3, 3e-7, from_deg=90.0),
+            ],
+        },
     },
     "grid": {
         "sectors": [region(0.5, 1e-3, 4e-7, from_deg=0.0)],
-        "grid": {"x_m": [-0.2, 0.2], "y_m": [0.0], "regions": [
-            [region(0.1, 2e-3, 2e-7), None, region(0.8, 1e-4, 5e-7)], [None, region(0.3, 3e-3, 6e-7), None],
-        ]},
+        "grid": {
+            "x_m": [-0.2, 0.2],
+            "y_m": [0.0],
+            "regions": [
+                [region(0.1, 2e-3, 2e-7), None, region(0.8, 1e-4, 5e-7)],
+                [None, region(0.3, 3e-3, 6e-7), None],
+            ],
+        },
     },
 }
 
@@ -50,8 +59,9 @@ def test_force_heat_and_mass_are_sums_over_the_regions(tmp_path: Path, kind: str
     area = np.bincount(mesh.sector, mesh.areas, minlength=len(sail.regions))
     assert np.all(area > 0.01)
     reflectance = np.array([r.reflectance for r in sail.regions])
-    absorptance, thickness = (np.array([getattr(r.properties, name) for r in sail.regions])
-                              for name in ("absorptance", "thickness_m"))
+    absorptance, thickness = (
+        np.array([getattr(r.properties, name) for r in sail.regions]) for name in ("absorptance", "thickness_m")
+    )
     push = (2 * reflectance + absorptance) @ area * 1e9 / LIGHT_SPEED
     assert row[COLUMNS["force"] + 2] == pytest.approx(push, rel=1e-6)
     assert row[COLUMNS["power_absorbed"]] == pytest.approx(absorptance @ area * 1e9, rel=1e-6)
@@ -60,9 +70,13 @@ def test_force_heat_and_mass_are_sums_over_the_regions(tmp_path: Path, kind: str
 
 def test_each_region_heats_by_its_own_absorptance_and_thickness():
     """T − T₀ = a I t/(ρ h c) at nodes whose triangles all belong to one region."""
-    scene = dark(6, sail=MAPS["sectors with a rim"], beam=WIDE,
-                 effects={"tensile_failure": False, "expansion": False},
-                 flight={"duration_s": 1e-4, "heat_every": 1, "fly_away_m": 1e9})
+    scene = dark(
+        6,
+        sail=MAPS["sectors with a rim"],
+        beam=WIDE,
+        effects={"tensile_failure": False, "expansion": False},
+        flight={"duration_s": 1e-4, "heat_every": 1, "fly_away_m": 1e9},
+    )
     flight, end, _ = fly(scene, {})
     assert end.reason == "finished"
     mesh, regions = flight.membrane.mesh, flight.membrane.scene.sail.regions

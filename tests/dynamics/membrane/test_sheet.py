@@ -54,6 +54,7 @@ def in_plane(mesh: Mesh, matrix: csr_matrix) -> csr_matrix:
 
 # Statics
 
+
 def test_the_stiffness_matrix_is_that_of_linear_finite_elements():
     """Against scikit-fem: linear triangles in plane stress, λ* = 2λμ/(λ + 2μ)."""
     scene, mesh, _ = meshed(3)
@@ -122,9 +123,12 @@ def test_stress_of_a_spinning_disc_converges_to_the_closed_form_at_first_order()
     for rings in (6, 12, 24):
         mesh, u = spun(rings, omega)
         r2 = (mesh.nodes[mesh.triangles].mean(axis=1) ** 2).sum(axis=1)
-        want = DENSITY * omega**2 / 8 * np.stack([
-            (3 + POISSON) * (RADIUS**2 - r2), (3 + POISSON) * RADIUS**2 - (1 + 3 * POISSON) * r2
-        ], axis=1)
+        want = (
+            DENSITY
+            * omega**2
+            / 8
+            * np.stack([(3 + POISSON) * (RADIUS**2 - r2), (3 + POISSON) * RADIUS**2 - (1 + 3 * POISSON) * r2], axis=1)
+        )
         off = polar_stress(mesh, u) - want
         errors.append(np.sqrt(mesh.areas @ off**2 / (mesh.areas @ want**2)))
     rates = np.log2(np.array(errors[:-1]) / errors[1:])
@@ -171,6 +175,7 @@ def test_a_stretched_membrane_bulges_under_pressure_as_the_closed_form_says(tmp_
 
 
 # Vibration
+
 
 def nearest_mode(matrix: csr_matrix, masses: np.ndarray, guess: float, shape: np.ndarray) -> float:
     """Frequency in rad/s of the mode near `guess` that looks most like `shape`."""
@@ -242,8 +247,10 @@ def test_a_silicon_disc_tears_between_450_and_480_turns_a_second(spin: float, re
     """The stress at the centre, (3 + ν)ρΩ²R²/8, reaches the strength of 2.1 GPa at 473 Hz."""
     silicon = {**MATERIALS["silicon_43nm"].model_dump(), "emissivity_front": 0.0, "emissivity_back": 0.0}
     scene = dark(
-        10, sail={"sectors": [{"from_deg": 0.0, "material": silicon, "reflectance": 0.0}]},
-        release={"spin_Hz": -spin}, flight={"spin_up_s": 0.02, "duration_s": 1e-4},
+        10,
+        sail={"sectors": [{"from_deg": 0.0, "material": silicon, "reflectance": 0.0}]},
+        release={"spin_Hz": -spin},
+        flight={"spin_up_s": 0.02, "duration_s": 1e-4},
     )
     end = fly(scene, {})[1]
     assert end.reason == reason
@@ -252,6 +259,7 @@ def test_a_silicon_disc_tears_between_450_and_480_turns_a_second(spin: float, re
 
 
 # Hard cases
+
 
 def test_a_triangle_turned_over_and_shrunk_to_nothing_pulls_finitely(tmp_path: Path):
     flight = Flight(dark(2, effects={"tensile_failure": False}), {}, tmp_path)
@@ -341,10 +349,11 @@ def test_recorded_failures_leave_the_flight_as_it_was(tmp_path: Path):
 
 def test_what_burns_is_removed_and_takes_no_more_light():
     scene = dark(
-        4, sail={"sectors": [
-            {**film(absorptance=a)[0], "from_deg": start} for start, a in ((30.0, 1e-3), (210.0, 0.0))
-        ]}, beam={"intensity_W_m2": 1e9, "radius_m": 100.0},
-        flight={"duration_s": 3e-3, "fly_away_m": 1e9, "on_failure": "remove"}, effects={"conduction": False},
+        4,
+        sail={"sectors": [{**film(absorptance=a)[0], "from_deg": start} for start, a in ((30.0, 1e-3), (210.0, 0.0))]},
+        beam={"intensity_W_m2": 1e9, "radius_m": 100.0},
+        flight={"duration_s": 3e-3, "fly_away_m": 1e9, "on_failure": "remove"},
+        effects={"conduction": False},
     )
     flight, end, series = fly(scene, {})
     assert end.reason == "finished"
@@ -368,7 +377,9 @@ def test_half_a_strip_conducts_half_as_much(tmp_path: Path):
     """T = 400 + 100 x: heat κ h b |∇T| crosses a sheet of breadth b, half of it once the half y > 0 is removed."""
     cold = film(emissivity_front=0.0, emissivity_back=0.0)
     scene = dark(
-        6, sail={"outline": "square", "rotation_deg": 0.0, "sectors": cold}, flight={"on_failure": "remove"},
+        6,
+        sail={"outline": "square", "rotation_deg": 0.0, "sectors": cold},
+        flight={"on_failure": "remove"},
         effects={"conduction": True, "thermal_failure": False},
     )
     flight = Flight(scene, {}, tmp_path)
@@ -386,8 +397,17 @@ def test_half_a_strip_conducts_half_as_much(tmp_path: Path):
     for half, share in ((1.0, 0.5), (-1.0, 0.0)):
         now.sheet.limit[half * model.rest[1][model.triangles.corners].mean(axis=0) > 0.0] = -1.0
         tearing.tear(
-            now.tearing, own.sheet, now.sheet, now.heat, now.light, model.stencil, work.stencil, own.springs,
-            model.triangles.corners, state.x, 0.0,
+            now.tearing,
+            own.sheet,
+            now.sheet,
+            now.heat,
+            now.light,
+            model.stencil,
+            work.stencil,
+            own.springs,
+            model.triangles.corners,
+            state.x,
+            0.0,
         )
         assert flow() == pytest.approx(share * 3.0 * 400e-9 * breadth * 100.0, rel=1e-12)
     assert now.tearing.gone.all()

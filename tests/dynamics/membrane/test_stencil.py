@@ -97,7 +97,8 @@ def test_held_light_pushes_each_node_as_its_triangles_are_pushed(tmp_path: Path,
 def test_several_steps_at_once_are_the_same_steps_to_the_bit(tmp_path: Path, stiffness: str, integrator: str):
     """However a flight is cut into calls, and with one thread or two."""
     scene = small(
-        sail={"sectors": film()}, beam={"radius_m": 1.0},
+        sail={"sectors": film()},
+        beam={"radius_m": 1.0},
         flight={"stiffness": stiffness, "integrator": integrator, "series_every": 50, "optics_every": 16},
     )
     ends = []
@@ -162,7 +163,8 @@ def test_steps_at_once_are_those_one_by_one_to_the_bit(
 ):
     """Also where an element tears amid them, or, where none can, numbers of triangles overflow."""
     scene = dark(
-        rings, sail={"outline": outline, "sectors": film()},
+        rings,
+        sail={"outline": outline, "sectors": film()},
         beam={"intensity_W_m2": 1e9, "radius_m": 4.0 if rings == 1 else 1.0},
         flight={"stiffness": kind, "optics_every": 32, "heat_every": 32, "series_every": 64},
         effects={"tensile_failure": growth < 1.0},

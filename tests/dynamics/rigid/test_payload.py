@@ -19,10 +19,14 @@ from tests.synthetic import smooth_tables
 TABLES = smooth_tables()
 CROWD = [
     behind(1e-4, 0.3, ring(3, 0.31, 400.0)),
-    {"mass_kg": 5e-5, "position_m": [0.1, -0.05, -0.2], "tethers": [
-        {"to_m": [0.13, 0.02], "stiffness_N_m": 50.0, "length_m": 0.202},
-        {"to_m": [-0.2, 0.11], "stiffness_N_m": 80.0, "pushes": True},
-    ]},
+    {
+        "mass_kg": 5e-5,
+        "position_m": [0.1, -0.05, -0.2],
+        "tethers": [
+            {"to_m": [0.13, 0.02], "stiffness_N_m": 50.0, "length_m": 0.202},
+            {"to_m": [-0.2, 0.11], "stiffness_N_m": 80.0, "pushes": True},
+        ],
+    },
 ]
 
 

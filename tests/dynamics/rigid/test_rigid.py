@@ -45,6 +45,7 @@ DISC = altered(DARK, sail={"sectors": MIRROR})
 
 # Without light
 
+
 def test_free_disc_precesses_as_the_closed_form_says():
     """Symmetric top: Q(t) = exp(L t/I₁) exp(ω_z (1 − I₃/I₁) t ẑ); a disc has I₃ = 2 I₁."""
     omega = np.array([30.0, -12.0, 754.0])
@@ -98,6 +99,7 @@ def test_quaternion_stays_a_unit():
 
 # Light on a mirror: closed forms
 
+
 def test_wide_beam_drives_a_disc_by_its_reflectance_and_absorptance():
     """F = (I A/c)(2R + a) along the beam; the ramp costs half its length."""
     level = {"offset_m": [0.0, 0.0], "pitch_deg": 0.0, "roll_deg": 0.0}
@@ -135,6 +137,7 @@ def test_short_pulse_late_in_the_flight_is_not_stepped_over():
 
 
 # Symmetry of the four-sector sail
+
 
 def load(body: Any, x: float, y: float, roll: float, pitch: float, yaw: float) -> tuple[np.ndarray, np.ndarray]:
     """Force in the lab and torque in the lab."""
@@ -198,6 +201,7 @@ def test_opposite_spin_flies_the_mirror_image(incidence: str):
 
 # Polarisation of the beam
 
+
 def stokes_tables() -> dict[str, PressureTable]:
     """The synthetic tables with a response to all polarisations whose value for the cell's own is theirs."""
     tables = {}
@@ -227,8 +231,10 @@ def test_polarisation_along_the_sail_s_own_is_that_locked_to_it(yaw: float):
 
 def test_a_lamellar_sail_level_on_the_axis_has_no_spin_torque_whatever_the_polarisation():
     """Ridges alike all along take no momentum along themselves (q_r = v a); the push along g goes through the axis."""
-    tables = {name: replace(table, q_stokes=table.q_stokes * np.array([1.0, 0.0, 1.0])[:, None, None])
-              for name, table in stokes_tables().items()}
+    tables = {
+        name: replace(table, q_stokes=table.q_stokes * np.array([1.0, 0.0, 1.0])[:, None, None])
+        for name, table in stokes_tables().items()
+    }
     for degrees in (0.0, 20.0, 45.0, 77.0):
         force, torque, _ = rigid_body(polarised("lab", degrees), tables).load(np.zeros(3), np.eye(3))
         assert abs(torque[2]) < 1e-13 * force[2]
@@ -242,6 +248,7 @@ def test_a_polarisation_of_its_own_needs_tables_that_know_it():
 
 
 # Accuracy and bookkeeping
+
 
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-9, 1e-12])
 def test_energy_and_angular_momentum_gained_are_what_the_light_gave(tolerance: float):
@@ -279,6 +286,7 @@ def test_duration_between_two_rows_is_flown_to_its_end():
 
 
 # Reasons to end
+
 
 def test_flight_ends_at_the_edge_of_the_table_or_clamps_and_counts():
     narrow = smooth_tables(u_max=0.04)
@@ -353,6 +361,7 @@ def test_the_same_flight_gives_the_same_bits_however_it_is_cut(monkeypatch: pyte
 
 
 # The stage
+
 
 @pytest.fixture
 def arguments(tmp_path: Path) -> list[str]:

@@ -24,8 +24,15 @@ from tests.synthetic import smooth_tables
 SOLID = {"n": 1.98, "k": 1e-6}
 #: 563.2 nm of solid on average, 300 nm of it continuous
 GRATING = {
-    "kind": "metagrating", "name": "own", "wavelength_nm": 1550, "electric_axis": "r", "period_nm": 1900,
-    "ridges_nm": [[0, 700], [980, 300]], "ridge_height_nm": 500, "membrane_nm": 300, "index": SOLID,
+    "kind": "metagrating",
+    "name": "own",
+    "wavelength_nm": 1550,
+    "electric_axis": "r",
+    "period_nm": 1900,
+    "ridges_nm": [[0, 700], [980, 300]],
+    "ridge_height_nm": 500,
+    "membrane_nm": 300,
+    "index": SOLID,
 }
 MEAN = 300e-9 + 500e-9 * 1000 / 1900
 
@@ -63,17 +70,49 @@ def test_floquet_takes_the_mass_too():
     assert heavy.mass / light.mass == pytest.approx(MEAN / ((400e-9 + 2 * 1240e-9 / 3) / 3), rel=1e-12)
 
 
-@pytest.mark.parametrize(("cell", "mean", "membrane"), [
-    ({}, MEAN, 300e-9),
-    ({"kind": "thin_film", "name": "f", "wavelength_nm": 1550, "layers": [{"thickness_nm": 43, "index": SOLID}]},
-     43e-9, 43e-9),
-    ({"kind": "lamellar", "name": "l", "wavelength_nm": 1550, "electric_axis": "g", "period_nm": 1000, "layers": [
-        {"thickness_nm": 100, "index": {"n": 1.0}, "ridges": [{"start_nm": 0, "width_nm": 250, "index": SOLID}]},
-        {"thickness_nm": 60, "index": SOLID},
-    ]}, 85e-9, 60e-9),
-    ({"kind": "profile", "name": "p", "wavelength_nm": 1550, "electric_axis": "g", "period_nm": 1000, "depth_nm": 400,
-      "polygons": [{"index": SOLID, "vertices_nm": [[0, 300], [1000, 0], [1000, 400], [0, 400]]}]}, 250e-9, 100e-9),
-])
+@pytest.mark.parametrize(
+    ("cell", "mean", "membrane"),
+    [
+        ({}, MEAN, 300e-9),
+        (
+            {"kind": "thin_film", "name": "f", "wavelength_nm": 1550, "layers": [{"thickness_nm": 43, "index": SOLID}]},
+            43e-9,
+            43e-9,
+        ),
+        (
+            {
+                "kind": "lamellar",
+                "name": "l",
+                "wavelength_nm": 1550,
+                "electric_axis": "g",
+                "period_nm": 1000,
+                "layers": [
+                    {
+                        "thickness_nm": 100,
+                        "index": {"n": 1.0},
+                        "ridges": [{"start_nm": 0, "width_nm": 250, "index": SOLID}],
+                    },
+                    {"thickness_nm": 60, "index": SOLID},
+                ],
+            },
+            85e-9,
+            60e-9,
+        ),
+        (
+            {
+                "kind": "profile",
+                "name": "p",
+                "wavelength_nm": 1550,
+                "electric_axis": "g",
+                "period_nm": 1000,
+                "depth_nm": 400,
+                "polygons": [{"index": SOLID, "vertices_nm": [[0, 300], [1000, 0], [1000, 400], [0, 400]]}],
+            },
+            250e-9,
+            100e-9,
+        ),
+    ],
+)
 def test_every_kind_of_cell_knows_its_mass_and_membrane(cell, mean, membrane):
     region = designed(of(), tables(**cell)).sail.sectors[0]
     assert region.properties.areal_mass == pytest.approx(2700.0 * mean, rel=1e-12)
@@ -96,10 +135,14 @@ def test_a_membrane_may_be_given():
         designed(of(membrane_m=600e-9), tables())
 
 
-@pytest.mark.parametrize("region", [
-    {"thickness_m": 400e-9}, {"material": {**FILM, "thickness_m": 400e-9}},
-    {"material": {**FILM, "thickness_m": 563.2e-9}, "thickness_m": 400e-9},
-])
+@pytest.mark.parametrize(
+    "region",
+    [
+        {"thickness_m": 400e-9},
+        {"material": {**FILM, "thickness_m": 400e-9}},
+        {"material": {**FILM, "thickness_m": 563.2e-9}, "thickness_m": 400e-9},
+    ],
+)
 def test_a_thickness_that_contradicts_the_design_is_refused_with_both_numbers(region):
     with pytest.raises(InputError) as refusal:
         designed(of(**region), tables())
@@ -125,11 +168,15 @@ def test_a_material_needs_no_thickness_where_there_is_a_design():
 
 def test_every_region_of_a_sail_is_seen_to():
     cell, own = {"design": "mark1e_tm", "material": "nitride_tm"}, {"design": "mark1e_te", "material": "nitride_te"}
-    scene = altered(FIG6, sail={
-        "rings": 6, "sectors": [{"from_deg": 0.0, **own}],
-        "rim": {"from_m": 0.4, "sectors": [{"from_deg": 0.0, **cell}]},
-        "grid": {"x_m": [0.2], "regions": [[None, own]]},
-    })
+    scene = altered(
+        FIG6,
+        sail={
+            "rings": 6,
+            "sectors": [{"from_deg": 0.0, **own}],
+            "rim": {"from_m": 0.4, "sectors": [{"from_deg": 0.0, **cell}]},
+            "grid": {"x_m": [0.2], "regions": [[None, own]]},
+        },
+    )
     sail = designed(scene, tables()).sail
     assert [region.properties.thickness_m for region in sail.regions] == pytest.approx([MEAN] * 3)
     mesh = sail_mesh(sail)
@@ -138,9 +185,15 @@ def test_every_region_of_a_sail_is_seen_to():
 
 
 def test_cells_of_several_materials_or_without_a_membrane_ask_for_what_they_lack():
-    two = {"kind": "thin_film", "name": "f", "wavelength_nm": 1550, "layers": [
-        {"thickness_nm": 100, "index": SOLID}, {"thickness_nm": 300, "index": {"n": 1.45}},
-    ]}
+    two = {
+        "kind": "thin_film",
+        "name": "f",
+        "wavelength_nm": 1550,
+        "layers": [
+            {"thickness_nm": 100, "index": SOLID},
+            {"thickness_nm": 300, "index": {"n": 1.45}},
+        ],
+    }
     with pytest.raises(InputError, match=r"thickness_m: must be given: design 'mark1e_te' is of 2 materials"):
         designed(of(), tables(**two))
     region = designed(of(thickness_m=344e-9), tables(**two)).sail.sectors[0]

@@ -26,7 +26,10 @@ def meshed(rings: int) -> mesh.Mesh:
 def test_counts_follow_the_formulas_of_ring_meshes(rings: int):
     m, n = meshed(rings), rings
     assert (len(m.nodes), len(m.triangles), len(m.edges), m.rim.sum()) == (
-        1 + 3 * n + 3 * n**2, 6 * n**2, 9 * n**2 + 3 * n, 6 * n
+        1 + 3 * n + 3 * n**2,
+        6 * n**2,
+        9 * n**2 + 3 * n,
+        6 * n,
     )
     assert len(m.nodes) - len(m.edges) + len(m.triangles) == 1
 
@@ -93,10 +96,14 @@ def test_the_direction_across_the_ridges_turns_with_the_sail():
     assert np.allclose(g, rest @ turn.T, atol=1e-14)
 
 
-@pytest.mark.parametrize(("form", "rim", "low", "high", "frequency"), [
-    ("lattice", 2.0, 5.49e4, 11.68e4, 2.7862e5), ("lattice", 1.0, 5.13e4, 11.68e4, 2.1802e5),
-    ("van_gelder", 1.0, 4.38e4, 12.55e4, 2.1751e5),
-])
+@pytest.mark.parametrize(
+    ("form", "rim", "low", "high", "frequency"),
+    [
+        ("lattice", 2.0, 5.49e4, 11.68e4, 2.7862e5),
+        ("lattice", 1.0, 5.13e4, 11.68e4, 2.1802e5),
+        ("van_gelder", 1.0, 4.38e4, 12.55e4, 2.1751e5),
+    ],
+)
 def test_stiffness_and_highest_frequency_of_the_published_mesh(
     form: str, rim: float, low: float, high: float, frequency: float
 ):
@@ -113,16 +120,21 @@ def test_stiffness_and_highest_frequency_of_the_published_mesh(
 
 def test_van_gelder_is_the_lattice_on_equilateral_triangles_of_poisson_ratio_one_third():
     third = SAIL.sectors[0].properties.model_copy(update={"poisson": 1 / 3})
-    sail = SAIL.model_copy(update={
-        "rings": 1, "sectors": [s.model_copy(update={"material": third}) for s in SAIL.sectors]
-    })
+    sail = SAIL.model_copy(
+        update={"rings": 1, "sectors": [s.model_copy(update={"material": third}) for s in SAIL.sectors]}
+    )
     m = mesh.sail_mesh(sail)
     assert np.allclose(lattice.stiffness(sail, m, "van_gelder"), lattice.stiffness(sail, m, "lattice"), rtol=1e-13)
 
 
-@pytest.mark.parametrize(("form", "low", "high"), [
-    ("cotangent", 1.0, 1.0), ("area", 1.45, 1.5), ("first_triangle", 0.73, 0.77),
-])
+@pytest.mark.parametrize(
+    ("form", "low", "high"),
+    [
+        ("cotangent", 1.0, 1.0),
+        ("area", 1.45, 1.5),
+        ("first_triangle", 0.73, 0.77),
+    ],
+)
 def test_conduction_through_a_linear_field(form: str, low: float, high: float):
     """Σ G ΔT² = ∫ κ h |∇T|² dA for a linear field; the other forms err by 3/2 and 3/4."""
     m = meshed(30)

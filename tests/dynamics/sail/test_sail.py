@@ -28,9 +28,7 @@ def lopsided(turned_deg: float = 0.0) -> Sail:
     """A disc whose three unequal sectors differ in mass."""
     starts = sorted((20.0 + turned_deg, 100.0 + turned_deg, 250.0 + turned_deg))
     names = ["nitride_te", "nitride_tm", "silicon_43nm"]
-    return round_sail([
-        {"from_deg": s, "material": n, "reflectance": 0.1} for s, n in zip(starts, names, strict=True)
-    ])
+    return round_sail([{"from_deg": s, "material": n, "reflectance": 0.1} for s, n in zip(starts, names, strict=True)])
 
 
 def test_published_mass_and_inertia_of_the_four_sector_sail():

@@ -51,15 +51,18 @@ def test_counts_of_nodes_triangles_and_edges(outline: str, sides: int, rings: in
 ROUND = {"outline": "round", "profile": "paraboloid", "depth": 1.4}
 
 
-@pytest.mark.parametrize(("given", "area", "kilograms", "rim", "depth"), [
-    ({"outline": "hexagonal"}, 0.649519, 6.5075e-5, 0.5, 0.0),
-    ({"outline": "round"}, 0.785149, 7.8664e-5, 0.5, 0.0),
-    (ROUND, 0.837846, 8.3944e-5, 0.386498, 0.418267),
-    ({**ROUND, "rescale": True}, 1.402197, 1.40486e-4, 0.5, 0.541098),
-    ({**ROUND, "outline": "hexagonal", "rescale": True}, 1.092958, 1.09503e-4, 0.5, 0.541098),
-    ({**ROUND, "depth": 1.05, "rescale": True}, 1.226460, 1.22879e-4, 0.5, 0.436379),
-    ({**ROUND, "depth": 0.48, "rescale": True}, 0.928705, 9.3047e-5, 0.5, 0.226242),
-])
+@pytest.mark.parametrize(
+    ("given", "area", "kilograms", "rim", "depth"),
+    [
+        ({"outline": "hexagonal"}, 0.649519, 6.5075e-5, 0.5, 0.0),
+        ({"outline": "round"}, 0.785149, 7.8664e-5, 0.5, 0.0),
+        (ROUND, 0.837846, 8.3944e-5, 0.386498, 0.418267),
+        ({**ROUND, "rescale": True}, 1.402197, 1.40486e-4, 0.5, 0.541098),
+        ({**ROUND, "outline": "hexagonal", "rescale": True}, 1.092958, 1.09503e-4, 0.5, 0.541098),
+        ({**ROUND, "depth": 1.05, "rescale": True}, 1.226460, 1.22879e-4, 0.5, 0.436379),
+        ({**ROUND, "depth": 0.48, "rescale": True}, 0.928705, 9.3047e-5, 0.5, 0.226242),
+    ],
+)
 def test_areas_masses_and_depths_of_published_shapes(
     given: dict[str, Any], area: float, kilograms: float, rim: float, depth: float
 ):
@@ -135,10 +138,12 @@ def test_the_sails_of_fig_3_have_equal_areas_and_those_of_fig_4_a_metre_of_diame
 
 # Regions
 
+
 def test_a_rim_and_a_grid_lie_over_the_sectors():
     thick = {"material": "silicon_43nm", "thickness_m": 86e-9, "reflectance": 0.3}
     given = sail(
-        sectors=[SILICON, {**SILICON, "from_deg": 180.0}], rim={"from_m": 0.4, "sectors": [{**thick, "from_deg": 0.0}]},
+        sectors=[SILICON, {**SILICON, "from_deg": 180.0}],
+        rim={"from_m": 0.4, "sectors": [{**thick, "from_deg": 0.0}]},
         grid={"x_m": [0.0], "y_m": [0.2], "regions": [[None, None], [None, {**thick, "thickness_m": 43e-8}]]},
     )
     m = sail_mesh(given)
@@ -172,12 +177,18 @@ def test_radial_and_tangential_directions_lie_in_the_triangles(g: str, sign: int
 
 # What is refused
 
-@pytest.mark.parametrize(("given", "message"), [
-    ({"profile": "cone"}, "depth: must be given for curved profiles"), ({"depth": 1.0}, "and for them only"),
-    ({"profile": "sphere", "depth": 0.9}, "must be from -0.8 to 0.8"), ({"outline": "oval"}, "outline"),
-    ({"grid": {"x_m": [0.0], "regions": [[None]]}}, "must be 1 rows .* of 2 entries"),
-    ({"rim": {"from_m": 0.4, "sectors": [SILICON, SILICON]}}, "from_deg must ascend"),
-])
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"profile": "cone"}, "depth: must be given for curved profiles"),
+        ({"depth": 1.0}, "and for them only"),
+        ({"profile": "sphere", "depth": 0.9}, "must be from -0.8 to 0.8"),
+        ({"outline": "oval"}, "outline"),
+        ({"grid": {"x_m": [0.0], "regions": [[None]]}}, "must be 1 rows .* of 2 entries"),
+        ({"rim": {"from_m": 0.4, "sectors": [SILICON, SILICON]}}, "from_deg must ascend"),
+    ],
+)
 def test_shapes_that_contradict_themselves_are_refused(given: dict[str, Any], message: str):
     with pytest.raises(ValidationError, match=message):
         sail(**given)
@@ -200,7 +211,8 @@ def test_slivers_holes_pieces_and_shadows_are_refused_by_name():
     inner = [i for i, t in enumerate(m.triangles) if 0 in t]
     second = [i for i, t in enumerate(m.triangles) if len({*t} & set(range(7, 19))) > 0 and 0 not in t]
     for broken, message in (
-        (without(m, inner), "has 1 holes"), (without(m, second), "2 pieces"),
+        (without(m, inner), "has 1 holes"),
+        (without(m, second), "2 pieces"),
         (replace(m, nodes=m.nodes * [1.0, 0.01, 1.0]), "is a sliver"),
         (replace(m, nodes=m.nodes * [1.0, -1.0, 1.0]), "turns away from the beam: the sail shades itself"),
     ):

@@ -49,6 +49,7 @@ def lone(jacobian: dict[tuple[int, int], float], spin: float = 7.0) -> LinearMod
 
 # The linear model
 
+
 @pytest.mark.parametrize("incidence", ["sail_frame", "yaw_blind"])
 def test_small_motions_fly_as_the_monodromy_matrix_says(incidence: str):
     which = case(incidence=incidence, beam={"rise_s": 0.0}, rigid={"duration_s": 1 / 120, "tolerance": 1e-12})
@@ -84,8 +85,13 @@ def test_both_routes_agree_for_true_incidence():
 def test_both_routes_agree_for_any_derivatives_and_spin(seed: int):
     """Stable or not, up to multipliers of a million: the same to 1e-9 of the largest."""
     random = np.random.default_rng(seed)
-    model = LinearModel(random.normal(size=(4, 4)) * 10 ** random.uniform(-2.0, 0.7), np.array(0.1),
-                        np.diag([0.063, 0.062]), random.uniform(1.5, 15.0), False)
+    model = LinearModel(
+        random.normal(size=(4, 4)) * 10 ** random.uniform(-2.0, 0.7),
+        np.array(0.1),
+        np.diag([0.063, 0.062]),
+        random.uniform(1.5, 15.0),
+        False,
+    )
     found = floquet.assess(model, [])
     assert found.route_difference < 1e-9
     if found.max_modulus > 1.001:
@@ -152,6 +158,7 @@ def test_multipliers_of_a_lossless_sail_come_in_reciprocal_pairs():
 
 
 # The verdict
+
 
 @pytest.mark.parametrize("incidence", ["sail_frame", "yaw_blind"])
 def test_restoring_light_is_marginal_and_repelling_light_unstable(incidence: str):
@@ -228,8 +235,9 @@ def test_tables_may_be_axisymmetric_and_sectors_constant():
     u = np.linspace(0.0, 0.4, 41)
     w = np.sqrt(1.0 - u**2)
     q = np.stack([np.zeros_like(u), np.zeros_like(u), 2 * 0.5 * w])[:, :, None]
-    film = PressureTable(u, np.zeros(1), q, np.zeros((41, 1)), np.full((41, 1), 1e-5), axisymmetric=True,
-                         attrs={"name": "film"})
+    film = PressureTable(
+        u, np.zeros(1), q, np.zeros((41, 1)), np.full((41, 1), 1e-5), axisymmetric=True, attrs={"name": "film"}
+    )
     plain = MATERIALS["nitride_te"].model_copy(update={"absorptance": 0.0})
     filmed = {"material": plain.model_dump(), "design": "film"}
     mirror = {"material": plain.model_dump(), "reflectance": 0.5}
@@ -245,11 +253,16 @@ def test_tables_may_be_axisymmetric_and_sectors_constant():
 
 # Refusals and the file
 
+
 def test_sail_that_is_not_in_equilibrium_is_refused():
-    lopsided = case(sail={"sectors": [
-        {"from_deg": 0.0, "material": "nitride_te", "reflectance": 0.5},
-        {"from_deg": 180.0, "material": "nitride_te", "reflectance": 0.1},
-    ]})
+    lopsided = case(
+        sail={
+            "sectors": [
+                {"from_deg": 0.0, "material": "nitride_te", "reflectance": 0.5},
+                {"from_deg": 180.0, "material": "nitride_te", "reflectance": 0.1},
+            ]
+        }
+    )
     with pytest.raises(InputError, match=r"sail.sectors: force or torque on the centred, level sail is .* must vanish"):
         floquet.analyse(lopsided, {})
 

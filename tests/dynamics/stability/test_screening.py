@@ -33,8 +33,15 @@ def table_of(cell: pd.Series, like: PressureTable) -> PressureTable:
     q = np.array([cell["q_g"], 0.0, cell["q_n"]])
     gradient = np.array([[cell["q_g_u"], 0.0], [0.0, cell["absorptance"]], [cell["q_n_u"], 0.0]])
     noted = NormalResponse(q, gradient, np.zeros(3), np.zeros((3, 2)))
-    return PressureTable(like.u, like.v, like.q_nodes, like.absorptance_nodes, like.error, mirror_v=True,
-                         attrs={**like.attrs, "normal_incidence": noted.as_dict()})
+    return PressureTable(
+        like.u,
+        like.v,
+        like.q_nodes,
+        like.absorptance_nodes,
+        like.error,
+        mirror_v=True,
+        attrs={**like.attrs, "normal_incidence": noted.as_dict()},
+    )
 
 
 def test_members_have_the_margins_of_their_scenes():
@@ -69,11 +76,14 @@ def test_ranking_does_not_know_how_the_work_was_split():
 
 
 def test_rank_counts_survivors_the_eligible_first_and_failures_not_at_all():
-    screened = pd.DataFrame({
-        "verdict": ["marginally_stable", "unstable", "marginally_stable", "undecided", "marginally_stable"],
-        "margin_1_s": [1.0, -3.0, 5.0, 0.1, 2.0], "thrust_N": [0.3, 0.9, 0.2, 0.3, 0.4],
-        "acceleration_m_s2": [3.0, 9.0, 2.0, 3.0, 4.0],
-    })
+    screened = pd.DataFrame(
+        {
+            "verdict": ["marginally_stable", "unstable", "marginally_stable", "undecided", "marginally_stable"],
+            "margin_1_s": [1.0, -3.0, 5.0, 0.1, 2.0],
+            "thrust_N": [0.3, 0.9, 0.2, 0.3, 0.4],
+            "acceleration_m_s2": [3.0, 9.0, 2.0, 3.0, 4.0],
+        }
+    )
     ranked = screening.rank(screened, "margin_1_s", ["thrust_N"])
     assert ranked["rank"].tolist() == [1, -1, 2, -1, 0]
     assert ranked["eligible"].tolist() == [True, False, False, False, True]

@@ -68,7 +68,10 @@ def test_small_motions_fly_as_the_linear_model_says(spin: float, damping: float)
     """Damped or not, turning or not: to a thousandth of the swing over many of its periods."""
     payload = [behind(1e-4, 0.2, ring(4, 0.3, 300.0, damping_s=damping))]
     scene = altered(
-        FIG6, payload=payload, beam={"rise_s": 0.0}, release={**STILL, "spin_Hz": spin},
+        FIG6,
+        payload=payload,
+        beam={"rise_s": 0.0},
+        release={**STILL, "spin_Hz": spin},
         rigid={"duration_s": 0.1, "tolerance": 1e-11, "output_Hz": 500.0},
     )
     found, want = swung(scene, CALM, 1e-6)
@@ -125,11 +128,17 @@ def test_damping_in_a_turning_sail_feeds_swings_that_are_slower_than_the_turn():
     assert turning.max_modulus > 1.0 + 1e-9
 
 
-@pytest.mark.parametrize(("payload", "said"), [
-    ([{"mass_kg": 1e-4, "position_m": [0.1, 0.0, -0.2], "tethers": ring(3, 0.2, 10.0)}], "must be on the sail's axis"),
-    ([{"mass_kg": 1e-4, "position_m": [0.0, 0.0, 0.2], "tethers": ring(3, 0.2, 10.0)}], "do not hold it there"),
-    ([behind(1e-4, 0.2, ring(1, 0.2, 10.0))], "pull the sail aside"),
-])
+@pytest.mark.parametrize(
+    ("payload", "said"),
+    [
+        (
+            [{"mass_kg": 1e-4, "position_m": [0.1, 0.0, -0.2], "tethers": ring(3, 0.2, 10.0)}],
+            "must be on the sail's axis",
+        ),
+        ([{"mass_kg": 1e-4, "position_m": [0.0, 0.0, 0.2], "tethers": ring(3, 0.2, 10.0)}], "do not hold it there"),
+        ([behind(1e-4, 0.2, ring(1, 0.2, 10.0))], "pull the sail aside"),
+    ],
+)
 def test_what_has_no_equilibrium_is_refused(payload: list[dict[str, Any]], said: str):
     with pytest.raises(InputError, match=said):
         model_of(altered(FIG6, payload=payload), TABLES)

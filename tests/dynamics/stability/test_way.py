@@ -74,9 +74,7 @@ def test_each_place_is_the_analysis_of_the_sail_in_that_light(fig6, beta):
     for name, path in CELLS.items():
         cell = read_grating(path, light)
         attrs = {"name": name, "cell": cell.model_dump(), ATTRIBUTE: normal_response(cell, 24).as_dict()}
-        tables[name] = PressureTable(
-            axis, axis, np.zeros((3, 2, 2)), np.zeros((2, 2)), np.ones((2, 2)), attrs=attrs
-        )
+        tables[name] = PressureTable(axis, axis, np.zeros((3, 2, 2)), np.zeros((2, 2)), np.ones((2, 2)), attrs=attrs)
     there = floquet.analyse(dim, tables)
     found = way.assess(fig6, np.array([beta]))
     # A growth of 1e-3 of slopes' errors moves margins by their square root.
@@ -95,8 +93,11 @@ def test_the_papers_sail_is_lost_at_a_tenth_of_c_and_a_window_within_is_found(fi
     one = {entry["beta"]: entry for entry in found["way"]}
     assert one[0.2]["verdict"] == "marginally_stable"
     assert one[0.2]["wavelength_m"] == pytest.approx(1303.13e-9, abs=1e-11)
-    assert all(low - 1e-9 <= entry["margin_1_s"] <= high + 1e-9 for entry in one.values()
-               for low, high in [entry["margin_range_1_s"]])
+    assert all(
+        low - 1e-9 <= entry["margin_1_s"] <= high + 1e-9
+        for entry in one.values()
+        for low, high in [entry["margin_range_1_s"]]
+    )
     at_rest = way.Way(FIG6, bands, "rest")
     assert np.allclose(way.changes(at_rest, 0.2)[[0, -1], 0], [0.0976, 0.1953], atol=2e-4)
     assert way.VERDICTS[way.assess(at_rest, np.array([0.15])).verdict[0]] == "unstable"
@@ -142,12 +143,15 @@ def test_aberration_brakes_what_absorbs():
     assert drag == pytest.approx(black.models(np.zeros(1)).thrust[0] * units.force / units.mass / C, rel=1e-12)
 
 
-@pytest.mark.parametrize(("change", "said"), [
-    ({"incidence": "yaw_blind"}, "incidence = yaw_blind: must be sail_frame"),
-    ({"beam": {"radius_y_m": 0.3}}, "beam: must be round and stay where it is"),
-    ({"beam": {"intensity_W_m2": 0.0}}, "must be above 0"),
-    ({"payload": [behind(1e-4, 0.3, ring(3, 0.3, 100.0))]}, "payload: must be left out"),
-])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"incidence": "yaw_blind"}, "incidence = yaw_blind: must be sail_frame"),
+        ({"beam": {"radius_y_m": 0.3}}, "beam: must be round and stay where it is"),
+        ({"beam": {"intensity_W_m2": 0.0}}, "must be above 0"),
+        ({"payload": [behind(1e-4, 0.3, ring(3, 0.3, 100.0))]}, "payload: must be left out"),
+    ],
+)
 def test_what_has_no_way_is_refused(bands, change, said):
     with pytest.raises(InputError, match=said):
         way.report(way.Way(changed(**change), bands))

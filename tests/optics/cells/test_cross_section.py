@@ -61,7 +61,8 @@ def _area(vertices: np.ndarray) -> float:
 
 def test_kinds_agree_on_the_same_cell(te):
     stack = section(
-        kind="lamellar", layers=[
+        kind="lamellar",
+        layers=[
             {"thickness_nm": 400, "index": VOID, "ridges": [{"start_nm": 100, "width_nm": 300, "index": SOLID}]},
             {"thickness_nm": 200, "index": SOLID},
         ],
@@ -74,9 +75,12 @@ def test_kinds_agree_on_the_same_cell(te):
 
 
 def test_grooves_are_what_a_solid_layer_lacks():
-    found = section(kind="lamellar", layers=[
-        {"thickness_nm": 100, "index": SOLID, "ridges": [{"start_nm": 200, "width_nm": 250, "index": VOID}]},
-    ])
+    found = section(
+        kind="lamellar",
+        layers=[
+            {"thickness_nm": 100, "index": SOLID, "ridges": [{"start_nm": 200, "width_nm": 250, "index": VOID}]},
+        ],
+    )
     assert found.mean_m == pytest.approx(75e-9)
     assert found.membrane_m == 0.0
 
@@ -97,13 +101,18 @@ def test_films_are_whole_and_air_weighs_nothing():
 
 def test_what_has_the_index_in_front_is_no_solid():
     found = section(
-        kind="metagrating", ridges_nm=[[0, 500]], ridge_height_nm=300, membrane_nm=100, index=SOLID,
+        kind="metagrating",
+        ridges_nm=[[0, 500]],
+        ridge_height_nm=300,
+        membrane_nm=100,
+        index=SOLID,
         surroundings={"front": 1.33},
     )
     assert found.mean_m == pytest.approx(250e-9)
     ridge = {"start_nm": 0, "width_nm": 500, "index": SOLID}
     liquid = section(
-        kind="lamellar", surroundings={"front": 1.33},
+        kind="lamellar",
+        surroundings={"front": 1.33},
         layers=[{"thickness_nm": 300, "index": {"n": 1.33}, "ridges": [ridge]}],
     )
     assert liquid.mean_m == pytest.approx(150e-9)
@@ -121,13 +130,20 @@ def test_slanted_walls_and_triangles():
 
 
 def test_polygons_that_cross_count_once_and_later_ones_win():
-    cell = KINDS["profile"].model_validate({
-        "kind": "profile", "name": "x", "wavelength_nm": 1000, "electric_axis": "r", "period_nm": 1000,
-        "depth_nm": 1000, "polygons": [
-            {"index": SOLID, "vertices_nm": [[0, 0], [1000, 600], [1000, 1000], [0, 400]]},
-            {"index": SOLID, "vertices_nm": [[1000, 0], [0, 600], [0, 1000], [1000, 400]]},
-        ],
-    })
+    cell = KINDS["profile"].model_validate(
+        {
+            "kind": "profile",
+            "name": "x",
+            "wavelength_nm": 1000,
+            "electric_axis": "r",
+            "period_nm": 1000,
+            "depth_nm": 1000,
+            "polygons": [
+                {"index": SOLID, "vertices_nm": [[0, 0], [1000, 600], [1000, 1000], [0, 400]]},
+                {"index": SOLID, "vertices_nm": [[1000, 0], [0, 600], [0, 1000], [1000, 400]]},
+            ],
+        }
+    )
     # Two bands of 400 nm along n that cross: what both cover is a rhombus of 400 nm by a third of the period
     assert cross_section(cell.model_dump()).mean_m == pytest.approx((800 - 400**2 / 1.2 / 1000) * 1e-9)
     assert cross_section(cell.model_dump()).mean_m == pytest.approx(staircase_area(cell) * 1e-9, rel=1e-4)

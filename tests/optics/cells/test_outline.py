@@ -8,7 +8,11 @@ from optics.cells.outline import depth_nm, polygons, read_grating, staircase, up
 from optics.cells.schema import LamellarStack, Metagrating, Profile
 
 SLANTED = {
-    "kind": "profile", "name": "slanted", "wavelength_nm": 1064.0, "electric_axis": "r", "period_nm": 1500.0,
+    "kind": "profile",
+    "name": "slanted",
+    "wavelength_nm": 1064.0,
+    "electric_axis": "r",
+    "period_nm": 1500.0,
     "depth_nm": 600.0,
     "polygons": [
         {"index": {"n": 2.0}, "vertices_nm": [[200.0, 0.0], [600.0, 0.0], [800.0, 400.0], [100.0, 400.0]]},

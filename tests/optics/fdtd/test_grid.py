@@ -1,6 +1,5 @@
 """FDTD without running Meep: pixels, permittivity on the grid, poles of metals."""
 
-
 import numpy as np
 import pytest
 

@@ -91,13 +91,20 @@ def test_absorptance_at_normal_incidence_is_the_modal_solver_s(request, apart, w
 @pytest.mark.parametrize(
     ("around", "axis", "v"),
     [
-        ({"back": 1.5}, "r", 0.1), ({"front": 1.5}, "g", 0.0), ({"front": 1.33, "back": 1.8}, "g", 0.1),
+        ({"back": 1.5}, "r", 0.1),
+        ({"front": 1.5}, "g", 0.0),
+        ({"front": 1.33, "back": 1.8}, "g", 0.1),
         ({"front": 1.45, "back": 1.45}, "r", 0.0),
     ],
 )
 def test_half_spaces_other_than_vacuum_agree_with_the_modal_solver(te, apart, around, axis, v):
     cell = changed(
-        te, period_nm=600.0, ridges_nm=[[50.0, 250.0]], ridge_height_nm=100.0, membrane_nm=60.0, surroundings=around,
+        te,
+        period_nm=600.0,
+        ridges_nm=[[50.0, 250.0]],
+        ridge_height_nm=100.0,
+        membrane_nm=60.0,
+        surroundings=around,
         electric_axis=axis,
     )
     result = apart(solve_direction, cell, 0.05, v, FdtdSettings(pixels_per_wavelength=[7.45, 10.65, 14.9]))
@@ -114,7 +121,12 @@ LOSSY = [({"n": 0.26, "k": 6.97}, "r", 60.0), ({"n": 3.5, "k": 2.7}, "g", 200.0)
 @pytest.mark.parametrize(("index", "axis", "height"), LOSSY)
 def test_metals_and_absorbers_agree_with_the_modal_solver_and_keep_energy(te, apart, index, axis, height):
     cell = changed(
-        te, period_nm=500.0, ridges_nm=[[50.0, 250.0]], ridge_height_nm=height, membrane_nm=100.0, index=index,
+        te,
+        period_nm=500.0,
+        ridges_nm=[[50.0, 250.0]],
+        ridge_height_nm=height,
+        membrane_nm=100.0,
+        index=index,
         electric_axis=axis,
     )
     result = apart(solve_direction, cell, 0.05, 0.1, FdtdSettings(pixels_per_wavelength=[7.45, 10.65, 14.9]))
@@ -130,17 +142,24 @@ def test_metals_and_absorbers_agree_with_the_modal_solver_and_keep_energy(te, ap
 def silver(axis):
     """Silver ridges under a film on silver at 500 nm."""
     metal, film_index = {"n": 0.13215143357575174, "k": 2.765766440138452}, {"n": 1.5}
-    return LamellarStack.model_validate({
-        "kind": "lamellar", "name": "silver", "wavelength_nm": 500.0, "electric_axis": axis, "period_nm": 180.0,
-        "layers": [
-            {"thickness_nm": 20.0, "index": film_index},
-            {
-                "thickness_nm": 80.0, "index": film_index,
-                "ridges": [{"start_nm": 60.0, "width_nm": 60.0, "index": metal}],
-            },
-        ],
-        "surroundings": {"front": 1.0, "back": metal["n"], "back_k": metal["k"]},
-    })
+    return LamellarStack.model_validate(
+        {
+            "kind": "lamellar",
+            "name": "silver",
+            "wavelength_nm": 500.0,
+            "electric_axis": axis,
+            "period_nm": 180.0,
+            "layers": [
+                {"thickness_nm": 20.0, "index": film_index},
+                {
+                    "thickness_nm": 80.0,
+                    "index": film_index,
+                    "ridges": [{"start_nm": 60.0, "width_nm": 60.0, "index": metal}],
+                },
+            ],
+            "surroundings": {"front": 1.0, "back": metal["n"], "back_k": metal["k"]},
+        }
+    )
 
 
 def test_silver_on_silver_reflects_what_it_should(apart):
@@ -182,18 +201,30 @@ def test_v_to_minus_v_is_a_mirror(tm, apart):
 @pytest.mark.parametrize(
     ("which", "u", "v"),
     [
-        ("te", 0.05, 0.0), ("te", -0.09, 0.09), ("te", 0.1737, 0.1737), ("tm", 0.03, 0.17), ("tm", -0.1737, 0.0),
+        ("te", 0.05, 0.0),
+        ("te", -0.09, 0.09),
+        ("te", 0.1737, 0.1737),
+        ("tm", 0.03, 0.17),
+        ("tm", -0.1737, 0.0),
         # Here an order leaves at 10° to the plane of the grating, |w| = 0.17.
-        ("tm", 0.18, 0.18), ("tm", -0.18, 0.18),
+        ("tm", 0.18, 0.18),
+        ("tm", -0.18, 0.18),
     ],
 )
 def test_each_row_states_an_error_that_covers_the_modal_solver_and_the_stress(request, apart, tmp_path, which, u, v):
     cell, settings = request.getfixturevalue(which), FdtdSettings(tolerance=1e-2)
     path = tmp_path / "part.h5"
     apart(solve_part, cell, np.array([[u, v]]), settings, path)
-    q_g, q_r, q_n, error, stress = (read_rows(path, cell, settings).column(name)[0] for name in (
-        "q_g", "q_r", "q_n", "error", "stress",
-    ))
+    q_g, q_r, q_n, error, stress = (
+        read_rows(path, cell, settings).column(name)[0]
+        for name in (
+            "q_g",
+            "q_r",
+            "q_n",
+            "error",
+            "stress",
+        )
+    )
     exact = modal.solve(cell, np.array([u]), np.array([v]), 40).q[0, 0]
     assert np.abs([q_g, q_r, q_n] - exact).max() <= error <= settings.tolerance
     # Orders and stress come from the same fields on the same lines: what is left between them are remainders of fourth

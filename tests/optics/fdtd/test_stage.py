@@ -168,7 +168,9 @@ def test_bad_nodes_are_refused(te, tmp_path):
     path = tmp_path / "nodes.json"
     good = {"name": te.name, "u": [-0.1, 0.0, 0.1], "v": [0.0, 0.1]}
     cases = [
-        ({"name": "other"}, "another cell"), ({"u": [0.1, 0.0]}, "ascending"), ({"v": [0.1, 0.2]}, "must be 0"),
+        ({"name": "other"}, "another cell"),
+        ({"u": [0.1, 0.0]}, "ascending"),
+        ({"v": [0.1, 0.2]}, "must be 0"),
         ({"u": "x"}, "must hold"),
     ]
     for change, message in cases:

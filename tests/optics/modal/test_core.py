@@ -35,23 +35,47 @@ def test_a_core_gives_what_direct_solutions_give(fixture, request):
 def test_a_core_of_several_layers_on_another_medium():
     """Asymmetric in depth: what comes from behind is not what comes from in front."""
     ridges = [{"start_nm": 100.0, "width_nm": 300.0, "index": {"n": 2.0, "k": 0.01}}]
-    agrees(LamellarStack.model_validate({
-        "kind": "lamellar", "name": "layers", "wavelength_nm": 1064.0, "electric_axis": "g", "period_nm": 900.0,
-        "layers": [
-            {"thickness_nm": 150.0, "index": {"n": 1.0}, "ridges": ridges}, {"thickness_nm": 90.0, "index": {"n": 1.7}},
-            {"thickness_nm": 200.0, "index": {"n": 1.2}, "ridges": ridges},
-            {"thickness_nm": 80.0, "index": {"n": 2.0}},
-        ],
-        "surroundings": {"front": 1.0, "back": 1.45},
-    }), 12, 2e-6)
+    agrees(
+        LamellarStack.model_validate(
+            {
+                "kind": "lamellar",
+                "name": "layers",
+                "wavelength_nm": 1064.0,
+                "electric_axis": "g",
+                "period_nm": 900.0,
+                "layers": [
+                    {"thickness_nm": 150.0, "index": {"n": 1.0}, "ridges": ridges},
+                    {"thickness_nm": 90.0, "index": {"n": 1.7}},
+                    {"thickness_nm": 200.0, "index": {"n": 1.2}, "ridges": ridges},
+                    {"thickness_nm": 80.0, "index": {"n": 2.0}},
+                ],
+                "surroundings": {"front": 1.0, "back": 1.45},
+            }
+        ),
+        12,
+        2e-6,
+    )
 
 
 def test_a_core_of_a_profile_is_seen_from_behind_too():
-    agrees(modal_cell(Profile.model_validate({
-        "kind": "profile", "name": "blaze", "wavelength_nm": 1064.0, "electric_axis": "g", "period_nm": 1100.0,
-        "depth_nm": 500.0,
-        "polygons": [{"index": {"n": 2.0}, "vertices_nm": [[0, 500], [0, 300], [1100, 0], [1100, 500]]}],
-    }), 8), 7, 2e-6)
+    agrees(
+        modal_cell(
+            Profile.model_validate(
+                {
+                    "kind": "profile",
+                    "name": "blaze",
+                    "wavelength_nm": 1064.0,
+                    "electric_axis": "g",
+                    "period_nm": 1100.0,
+                    "depth_nm": 500.0,
+                    "polygons": [{"index": {"n": 2.0}, "vertices_nm": [[0, 500], [0, 300], [1100, 0], [1100, 500]]}],
+                }
+            ),
+            8,
+        ),
+        7,
+        2e-6,
+    )
 
 
 def test_a_core_holds_on_a_cutoff_and_at_normal_incidence(te):

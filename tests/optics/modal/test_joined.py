@@ -18,22 +18,36 @@ RIDGES = [(50.0, 200.0, 2.2, 1e-3)]
 
 def layer(thickness, n, k=0.0, ridges=(), coherent=True):
     return LamellarLayer(
-        thickness_nm=thickness, index=Index(n=n, k=k), coherent=coherent,
+        thickness_nm=thickness,
+        index=Index(n=n, k=k),
+        coherent=coherent,
         ridges=[Ridge(start_nm=a, width_nm=b, index=Index(n=m, k=k_m)) for a, b, m, k_m in ridges],
     )
 
 
 def grating(layers, axis="g", period=700.0, **around):
     return LamellarStack(
-        kind="lamellar", name="thick", wavelength_nm=1064.0, electric_axis=axis, period_nm=period,
-        surroundings=Surroundings(**around), layers=layers,
+        kind="lamellar",
+        name="thick",
+        wavelength_nm=1064.0,
+        electric_axis=axis,
+        period_nm=period,
+        surroundings=Surroundings(**around),
+        layers=layers,
     )
 
 
 def sail(membrane, k=2e-6, **more):
     return Metagrating(
-        kind="metagrating", name="sail", wavelength_nm=1064.0, electric_axis="r", period_nm=1600.0,
-        ridges_nm=[[0.0, 600.0], [790.0, 200.0]], ridge_height_nm=400.0, membrane_nm=membrane, index=Index(n=2.0, k=k),
+        kind="metagrating",
+        name="sail",
+        wavelength_nm=1064.0,
+        electric_axis="r",
+        period_nm=1600.0,
+        ridges_nm=[[0.0, 600.0], [790.0, 200.0]],
+        ridge_height_nm=400.0,
+        membrane_nm=membrane,
+        index=Index(n=2.0, k=k),
         **more,
     )
 
@@ -41,17 +55,31 @@ def sail(membrane, k=2e-6, **more):
 THICK = {
     "ridges in front": (sail(2e5), 1, 1),
     "thin layers beside it": (
-        grating([layer(100, 1.7), layer(300, 1.0, 0.0, RIDGES), layer(120, 1.3), layer(1e5, 1.5, 1e-6), layer(90, 1.9)],
-                back=1.2), 3, 3,
+        grating(
+            [layer(100, 1.7), layer(300, 1.0, 0.0, RIDGES), layer(120, 1.3), layer(1e5, 1.5, 1e-6), layer(90, 1.9)],
+            back=1.2,
+        ),
+        3,
+        3,
     ),
     "two, and a dark back": (
-        grating([layer(300, 1.0, 0.0, RIDGES), layer(1e5, 1.5, 1e-6), layer(90, 1.9), layer(2e5, 1.45)], "r",
-                front=1.2, back=1.5, back_k=0.1), 1, 3,
+        grating(
+            [layer(300, 1.0, 0.0, RIDGES), layer(1e5, 1.5, 1e-6), layer(90, 1.9), layer(2e5, 1.45)],
+            "r",
+            front=1.2,
+            back=1.5,
+            back_k=0.1,
+        ),
+        1,
+        3,
     ),
     "ridges behind": (grating([layer(1e6, 1.5, 1e-6), layer(300, 1.0, 0.0, RIDGES)], back=1.2), 0, 0),
     "ridges on both sides": (
-        grating([layer(200, 1.2, 0.0, [(30, 100, 2.2, 0.0)]), layer(1e5, 1.5), layer(300, 1.0, 0.0, RIDGES)],
-                back_k=0.3), 1, 1,
+        grating(
+            [layer(200, 1.2, 0.0, [(30, 100, 2.2, 0.0)]), layer(1e5, 1.5), layer(300, 1.0, 0.0, RIDGES)], back_k=0.3
+        ),
+        1,
+        1,
     ),
 }
 

@@ -13,7 +13,8 @@ from optics.waves.incidence import electric_vector, polarisation_basis, stokes, 
 
 U, V = np.array([-0.2, 0.0, 0.31]), np.array([0.0, 0.1, 0.27])
 GRATING = {
-    "thickness_nm": 300.0, "index": {"n": 1.0},
+    "thickness_nm": 300.0,
+    "index": {"n": 1.0},
     "ridges": [
         {"start_nm": 100.0, "width_nm": 400.0, "index": {"n": 2.0, "k": 0.01}},
         {"start_nm": 700.0, "width_nm": 200.0, "index": {"n": 3.0}},
@@ -21,16 +22,24 @@ GRATING = {
 }
 FILM = {"thickness_nm": 150.0, "index": {"n": 1.7}}
 SECOND = {
-    "thickness_nm": 250.0, "index": {"n": 2.2},
+    "thickness_nm": 250.0,
+    "index": {"n": 2.2},
     "ridges": [{"start_nm": 50.0, "width_nm": 700.0, "index": {"n": 1.2}}],
 }
 
 
 def stack(*layers, axis="g", **surroundings):
-    return LamellarStack.model_validate({
-        "kind": "lamellar", "name": "stack", "wavelength_nm": 1064.0, "electric_axis": axis, "period_nm": 1400.0,
-        "layers": list(layers), "surroundings": surroundings or {"front": 1.0, "back": 1.5},
-    })
+    return LamellarStack.model_validate(
+        {
+            "kind": "lamellar",
+            "name": "stack",
+            "wavelength_nm": 1064.0,
+            "electric_axis": axis,
+            "period_nm": 1400.0,
+            "layers": list(layers),
+            "surroundings": surroundings or {"front": 1.0, "back": 1.5},
+        }
+    )
 
 
 def cut(layer, *thicknesses):
@@ -98,10 +107,17 @@ def test_stokes_response_of_a_film_is_that_of_its_s_and_p():
     s_hat = np.array([-v, u, 0.0]) / 0.5
     e1, e2 = polarisation_basis(u, v)
     q_n = [
-        pressure(ThinFilm(
-            kind="thin_film", name="film", wavelength_nm=1064.0, polarisation=name,
-            layers=[Layer(thickness_nm=210.0, index=n_film)],
-        ), np.array([0.5]))[0][0, 2] for name in ("s", "p")
+        pressure(
+            ThinFilm(
+                kind="thin_film",
+                name="film",
+                wavelength_nm=1064.0,
+                polarisation=name,
+                layers=[Layer(thickness_nm=210.0, index=n_film)],
+            ),
+            np.array([0.5]),
+        )[0][0, 2]
+        for name in ("s", "p")
     ]
     for jones in ([1, 0], [0, 1], [1, 1], [1, -1], [1, 1j], [0.6, 0.8j]):
         field = jones[0] * e1 + jones[1] * e2
@@ -125,8 +141,12 @@ def test_mirrored_light_has_mirrored_stokes_components():
 
 
 LENGTHS = (
-    "layers[0].thickness_nm", "layers[1].thickness_nm", "layers[0].ridges[0].start_nm", "layers[0].ridges[1].width_nm",
-    "layers[2].ridges[0].width_nm", "period_nm",
+    "layers[0].thickness_nm",
+    "layers[1].thickness_nm",
+    "layers[0].ridges[0].start_nm",
+    "layers[0].ridges[1].width_nm",
+    "layers[2].ridges[0].width_nm",
+    "period_nm",
 )
 
 
@@ -216,8 +236,18 @@ def test_orders_agree_with_meent(u, v):
         rows.append([row])
     theta, phi = np.arcsin(np.hypot(u, v)), np.arctan2(v, u)
     theirs = meent.call_mee(
-        backend=0, pol=1, n_top=1, n_bot=1.5, theta=theta, phi=phi, fto=[order, 0], wavelength=1064.0, period=[1400.0],
-        ucell=np.array(rows), thickness=[layer.thickness_nm for layer in cell.layers], fourier_type=1,
+        backend=0,
+        pol=1,
+        n_top=1,
+        n_bot=1.5,
+        theta=theta,
+        phi=phi,
+        fto=[order, 0],
+        wavelength=1064.0,
+        period=[1400.0],
+        ucell=np.array(rows),
+        thickness=[layer.thickness_nm for layer in cell.layers],
+        fourier_type=1,
         enhanced_dfs=True,
     ).conv_solve()
     s_hat = np.array([-np.sin(phi), np.cos(phi), 0.0])

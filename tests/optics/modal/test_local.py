@@ -53,8 +53,9 @@ def test_a_period_of_whole_wavelengths_on_either_side_has_no_slope(te, index):
 def test_a_table_tells_what_its_solver_noted(te):
     found = local.normal_response(te, 8)
     axis = np.array([-0.1, 0.1])
-    table = PressureTable(axis, axis, np.zeros((3, 2, 2)), np.zeros((2, 2)), np.ones((2, 2)),
-                          attrs={"normal_incidence": found.as_dict()})
+    table = PressureTable(
+        axis, axis, np.zeros((3, 2, 2)), np.zeros((2, 2)), np.ones((2, 2)), attrs={"normal_incidence": found.as_dict()}
+    )
     for name, value in vars(table_response(table)).items():
         assert np.array_equal(value, getattr(found, name))
 

@@ -26,7 +26,10 @@ def test_a_full_ridge_is_a_slab_to_rounding(tm, axis, u, v):
     cell = changed(tm, ridges_nm=[[0.0, 1350.0]], electric_axis=axis, index={"n": 2.0, "k": 2e-3})
     along = "s" if (axis == "r") == (v == 0) else "p"
     slab = ThinFilm(
-        kind="thin_film", name="slab", wavelength_nm=1064.0, polarisation=along,
+        kind="thin_film",
+        name="slab",
+        wavelength_nm=1064.0,
+        polarisation=along,
         layers=[Layer(thickness_nm=600.0, index=Index(n=2.0, k=2e-3))],
     )
     q, absorptance, _, _ = one(cell, u, v, 7)
@@ -49,7 +52,10 @@ def test_conical_incidence_on_a_slab_mixes_s_and_p_as_it_must(tm, axis):
     q_n = 0.0
     for polarisation, share in (("s", share_s), ("p", 1 - share_s)):
         slab = ThinFilm(
-            kind="thin_film", name="slab", wavelength_nm=1064.0, polarisation=polarisation,
+            kind="thin_film",
+            name="slab",
+            wavelength_nm=1064.0,
+            polarisation=polarisation,
             layers=[Layer(thickness_nm=600.0, index=cell.index)],
         )
         q_n += share * pressure(slab, np.array([0.5]))[0][0, 2]
@@ -149,15 +155,32 @@ def test_a_table_holds_what_it_promises(tm):
 def test_another_wavelength_is_another_scale(te, tmp_path, monkeypatch):
     """Maxwell's equations have no length of their own: all lengths and the wavelength halved change nothing."""
     half = te.model_dump(exclude={"wavelength_nm"}) | {
-        "period_nm": te.period_nm / 2, "ridges_nm": [[a / 2, b / 2] for a, b in te.ridges_nm],
-        "ridge_height_nm": te.ridge_height_nm / 2, "membrane_nm": te.membrane_nm / 2, "wavelength_nm": 5.0,
+        "period_nm": te.period_nm / 2,
+        "ridges_nm": [[a / 2, b / 2] for a, b in te.ridges_nm],
+        "ridge_height_nm": te.ridge_height_nm / 2,
+        "membrane_nm": te.membrane_nm / 2,
+        "wavelength_nm": 5.0,
     }
     (tmp_path / "half.yaml").write_text(yaml.safe_dump(half), encoding="utf-8")
     out = tmp_path / "half.h5"
-    monkeypatch.setattr("sys.argv", [
-        "modal", "--cell", str(tmp_path / "half.yaml"), "--out", str(out), "--wavelength-nm", f"{te.wavelength_nm / 2}",
-        "--u-max", "0.05", "--v-max", "0.05", "--tolerance", "0.01",
-    ])
+    monkeypatch.setattr(
+        "sys.argv",
+        [
+            "modal",
+            "--cell",
+            str(tmp_path / "half.yaml"),
+            "--out",
+            str(out),
+            "--wavelength-nm",
+            f"{te.wavelength_nm / 2}",
+            "--u-max",
+            "0.05",
+            "--v-max",
+            "0.05",
+            "--tolerance",
+            "0.01",
+        ],
+    )
     modal.main()
     table, whole = PressureTable.read(out), make_table(te, 0.05, 0.05, 0.01)
     assert table.attrs["wavelength_m"] == pytest.approx(te.wavelength_nm * 0.5e-9)

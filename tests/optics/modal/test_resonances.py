@@ -29,8 +29,15 @@ U_MAX, V_MAX = 0.39, 0.12
 def shallow(height: float = 10.0, period: float = 900.0) -> Metagrating:
     """Shallow ridges on a slab: its guided modes hardly leak."""
     return Metagrating(
-        kind="metagrating", name="shallow", wavelength_nm=1064, electric_axis="r", period_nm=period,
-        ridges_nm=[[0, period / 2]], ridge_height_nm=height, membrane_nm=200, index={"n": 2.0, "k": 0.0},
+        kind="metagrating",
+        name="shallow",
+        wavelength_nm=1064,
+        electric_axis="r",
+        period_nm=period,
+        ridges_nm=[[0, period / 2]],
+        ridge_height_nm=height,
+        membrane_nm=200,
+        index={"n": 2.0, "k": 0.0},
     )
 
 
@@ -158,11 +165,16 @@ def test_slopes_on_resonances_are_the_derivatives_of_the_values():
     found = table()
     u, v = beside(found, 60)
     keep = (np.abs(u) < U_MAX - 1e-3) & (v > 2e-3) & (v < V_MAX - 1e-3)
-    keep &= np.array([min((abs(x - c) for c in cutoffs(1064 / 900, U_MAX, y)), default=1.0) > 1e-3
-                      for x, y in zip(u, v, strict=True)])
+    keep &= np.array(
+        [
+            min((abs(x - c) for c in cutoffs(1064 / 900, U_MAX, y)), default=1.0) > 1e-3
+            for x, y in zip(u, v, strict=True)
+        ]
+    )
     u, v = u[keep], v[keep]
     gradient, step = found.gradient(u, v), 1e-6
     for axis, (a, b) in enumerate(((1.0, 0.0), (0.0, 1.0))):
+
         def at(h: float, a: float = a, b: float = b) -> Floats:
             return found.q(u + h * a, v + h * b)
 

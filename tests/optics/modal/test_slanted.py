@@ -17,11 +17,18 @@ BLAZE = [[0, 1000], [0, 800], [1600, 0], [1600, 1000]]
 
 
 def profile(vertices, axis="g", back=1.0, **index) -> Profile:
-    return Profile.model_validate({
-        "kind": "profile", "name": "profile", "wavelength_nm": 1064.0, "electric_axis": axis, "period_nm": 1600.0,
-        "depth_nm": 1000.0, "polygons": [{"index": {"n": 2.0} | index, "vertices_nm": vertices}],
-        "surroundings": {"back": back},
-    })
+    return Profile.model_validate(
+        {
+            "kind": "profile",
+            "name": "profile",
+            "wavelength_nm": 1064.0,
+            "electric_axis": axis,
+            "period_nm": 1600.0,
+            "depth_nm": 1000.0,
+            "polygons": [{"index": {"n": 2.0} | index, "vertices_nm": vertices}],
+            "surroundings": {"back": back},
+        }
+    )
 
 
 def limit(cell: Profile, count: int, order: int):
@@ -53,10 +60,15 @@ def test_light_is_reflected_alike_from_where_it_went():
 def test_a_flat_profile_is_a_film():
     """Steps of a layer that does not change across: the film's closed form, with the Padé approximant's error alone."""
     cell = profile([[0, 0], [1600, 0], [1600, 1000], [0, 1000]], axis="r")
-    film = ThinFilm.model_validate({
-        "kind": "thin_film", "name": "film", "wavelength_nm": 1064.0, "polarisation": "s",
-        "layers": [{"thickness_nm": 1000.0, "index": {"n": 2.0}}],
-    })
+    film = ThinFilm.model_validate(
+        {
+            "kind": "thin_film",
+            "name": "film",
+            "wavelength_nm": 1064.0,
+            "polarisation": "s",
+            "layers": [{"thickness_nm": 1000.0, "index": {"n": 2.0}}],
+        }
+    )
     exact = pressure(film, np.abs(U))[0] * np.stack([np.sign(U), np.ones(3), np.ones(3)], axis=-1)
     error = [np.abs(solve(Slanted(cell, n), U, np.zeros(1), 4).q[:, 0] - exact).max() for n in (16, 32)]
     assert error[0] < 5e-3

@@ -26,22 +26,36 @@ from optics.thin_film.stage import pressure
 
 def layer(thickness, n, k=0.0, ridges=(), coherent=True):
     return LamellarLayer(
-        thickness_nm=thickness, index=Index(n=n, k=k), coherent=coherent,
+        thickness_nm=thickness,
+        index=Index(n=n, k=k),
+        coherent=coherent,
         ridges=[Ridge(start_nm=a, width_nm=b, index=Index(n=m)) for a, b, m in ridges],
     )
 
 
 def grating(layers, axis, period, back=1.0):
     return LamellarStack(
-        kind="lamellar", name="thick", wavelength_nm=1064.0, electric_axis=axis, period_nm=period,
-        surroundings=Surroundings(back=back), layers=layers,
+        kind="lamellar",
+        name="thick",
+        wavelength_nm=1064.0,
+        electric_axis=axis,
+        period_nm=period,
+        surroundings=Surroundings(back=back),
+        layers=layers,
     )
 
 
 def sail(k=2e-6, **more):
     return Metagrating(
-        kind="metagrating", name="sail", wavelength_nm=1064.0, electric_axis="r", period_nm=1600.0,
-        ridges_nm=[[0.0, 600.0], [790.0, 200.0]], ridge_height_nm=400.0, membrane_nm=2e5, index=Index(n=2.0, k=k),
+        kind="metagrating",
+        name="sail",
+        wavelength_nm=1064.0,
+        electric_axis="r",
+        period_nm=1600.0,
+        ridges_nm=[[0.0, 600.0], [790.0, 200.0]],
+        ridge_height_nm=400.0,
+        membrane_nm=2e5,
+        index=Index(n=2.0, k=k),
         **more,
     )
 
@@ -51,7 +65,10 @@ def test_without_ridges_it_is_the_film(axis, polarisation):
     """Two averaged layers, so the film's mode of tmm: tests/optics/thin_film/test_thick_layers.py."""
     parts = [(120.0, 2.0, 0.0, True), (1e5, 1.5, 1e-6, False), (80.0, 1.8, 0.0, True), (2e4, 1.4, 1e-6, False)]
     plain = ThinFilm(
-        kind="thin_film", name="film", wavelength_nm=1064.0, polarisation=polarisation,
+        kind="thin_film",
+        name="film",
+        wavelength_nm=1064.0,
+        polarisation=polarisation,
         layers=[Layer(thickness_nm=t, index=Index(n=n, k=k), coherent=c) for t, n, k, c in parts],
         surroundings=Surroundings(back=1.2),
     )
@@ -74,19 +91,22 @@ def test_where_one_order_runs_inside_it_is_the_mean_over_thicknesses(u, v, k, to
 
     period = 532.0 / np.sqrt(1.5**2 - u * u - v * v)
     u, v = np.array([u]), np.array([v])
-    mean = np.mean([
-        modal.solve(cell(1e5 + share * period, True), u, v, 10).q_stokes[0, 0] for share in np.arange(-32, 32) / 64
-    ], axis=0)
+    mean = np.mean(
+        [modal.solve(cell(1e5 + share * period, True), u, v, 10).q_stokes[0, 0] for share in np.arange(-32, 32) / 64],
+        axis=0,
+    )
     assert np.abs(modal.solve(cell(1e5, False), u, v, 10).q_stokes[0, 0] - mean).max() < tolerance
 
 
 def test_with_many_orders_inside_it_is_the_mean_over_thicknesses_within_its_spread():
     """Of 300 membranes within ±10 %: what of their fringes is left in the mean has a spread, and is within three."""
     u, v = np.array([0.12]), np.array([0.2])
-    many = np.array([
-        modal.solve(sail().model_copy(update={"membrane_nm": 2e5 + more}), u, v, 12).q[0, 0]
-        for more in np.random.default_rng(0).uniform(-2e4, 2e4, 300)
-    ])
+    many = np.array(
+        [
+            modal.solve(sail().model_copy(update={"membrane_nm": 2e5 + more}), u, v, 12).q[0, 0]
+            for more in np.random.default_rng(0).uniform(-2e4, 2e4, 300)
+        ]
+    )
     found = modal.solve(sail(membrane_coherent=False), u, v, 12).q[0, 0]
     spread = many.std(axis=0) / np.sqrt(len(many))
     assert spread.max() < 0.015

@@ -27,25 +27,37 @@ def ridges_of(n, k, wavelength=1000.0, axis="g", below=(), **around):
     """Ridges of 0.4 periods and 0.15 wavelengths in air, at a period of 0.9 wavelengths."""
     period = 0.9 * wavelength
     ridge = {"start_nm": 0.0, "width_nm": 0.4 * period, "index": {"n": n, "k": k}}
-    return LamellarStack.model_validate({
-        "kind": "lamellar", "name": "ridges", "wavelength_nm": wavelength, "electric_axis": axis, "period_nm": period,
-        "layers": [{"thickness_nm": 0.15 * wavelength, "index": {"n": 1.0}, "ridges": [ridge]}, *below],
-        "surroundings": around,
-    })
+    return LamellarStack.model_validate(
+        {
+            "kind": "lamellar",
+            "name": "ridges",
+            "wavelength_nm": wavelength,
+            "electric_axis": axis,
+            "period_nm": period,
+            "layers": [{"thickness_nm": 0.15 * wavelength, "index": {"n": 1.0}, "ridges": [ridge]}, *below],
+            "surroundings": around,
+        }
+    )
 
 
 def silver_tm():
     """Silver ridges under glass on silver at 500 nm: a ratio of permittivities of −3.4 + 0.3i, next to no limit."""
     silver = {"n": 0.13215143357575174, "k": 2.765766440138452}
     ridge = {"start_nm": 60.0, "width_nm": 60.0, "index": silver}
-    return LamellarStack.model_validate({
-        "kind": "lamellar", "name": "silver_tm", "wavelength_nm": 500.0, "electric_axis": "g", "period_nm": 180.0,
-        "layers": [
-            {"thickness_nm": 20.0, "index": {"n": 1.5}},
-            {"thickness_nm": 80.0, "index": {"n": 1.5}, "ridges": [ridge]},
-        ],
-        "surroundings": {"back": silver["n"], "back_k": silver["k"]},
-    })
+    return LamellarStack.model_validate(
+        {
+            "kind": "lamellar",
+            "name": "silver_tm",
+            "wavelength_nm": 500.0,
+            "electric_axis": "g",
+            "period_nm": 180.0,
+            "layers": [
+                {"thickness_nm": 20.0, "index": {"n": 1.5}},
+                {"thickness_nm": 80.0, "index": {"n": 1.5}, "ridges": [ridge]},
+            ],
+            "surroundings": {"back": silver["n"], "back_k": silver["k"]},
+        }
+    )
 
 
 def at(cell, u, v, order):
@@ -149,7 +161,11 @@ def test_screening_marks_what_has_no_limit(tmp_path, monkeypatch, te):
 
 
 BLAZE = {
-    "kind": "profile", "name": "blaze", "wavelength_nm": 1064.0, "electric_axis": "g", "period_nm": 1600.0,
+    "kind": "profile",
+    "name": "blaze",
+    "wavelength_nm": 1064.0,
+    "electric_axis": "g",
+    "period_nm": 1600.0,
     "depth_nm": 1000.0,
     "polygons": [{"index": {"n": 2.0}, "vertices_nm": [[0, 1000], [0, 800], [1600, 0], [1600, 1000]]}],
 }
@@ -173,21 +189,42 @@ def test_steps_follow_from_the_tolerance_and_their_error_is_told():
 def test_orders_that_run_in_front_are_looked_for_too():
     """Glass in front is what no ridge covers: it guides where the ridges, of less index, do not."""
     assert guided_order(wide(), 0.2) == np.ceil((1.5 + 0.2) * 10000.0 / 500.0)
-    assert guided_order(wide(layers=[{"thickness_nm": 500.0, "index": {"n": 1.5}, "ridges": [
-        {"start_nm": 0.0, "width_nm": 5000.0, "index": {"n": 1.1}},
-    ]}]), 0.2) == np.ceil((1.5 + 0.2) * 10000.0 / 500.0)
+    assert guided_order(
+        wide(
+            layers=[
+                {
+                    "thickness_nm": 500.0,
+                    "index": {"n": 1.5},
+                    "ridges": [
+                        {"start_nm": 0.0, "width_nm": 5000.0, "index": {"n": 1.1}},
+                    ],
+                }
+            ]
+        ),
+        0.2,
+    ) == np.ceil((1.5 + 0.2) * 10000.0 / 500.0)
 
 
 def wide(**changed):
     """A binary grating of glass, 20 wavelengths wide and half a wave deep, into air; values of Meep's tutorial."""
-    return LamellarStack.model_validate({
-        "kind": "lamellar", "name": "wide", "wavelength_nm": 500.0, "electric_axis": "r", "period_nm": 10000.0,
-        "layers": [{
-            "thickness_nm": 500.0, "index": {"n": 1.5},
-            "ridges": [{"start_nm": 5000.0, "width_nm": 5000.0, "index": {"n": 1.0}}],
-        }],
-        "surroundings": {"front": 1.5, "back": 1.0},
-    } | changed)
+    return LamellarStack.model_validate(
+        {
+            "kind": "lamellar",
+            "name": "wide",
+            "wavelength_nm": 500.0,
+            "electric_axis": "r",
+            "period_nm": 10000.0,
+            "layers": [
+                {
+                    "thickness_nm": 500.0,
+                    "index": {"n": 1.5},
+                    "ridges": [{"start_nm": 5000.0, "width_nm": 5000.0, "index": {"n": 1.0}}],
+                }
+            ],
+            "surroundings": {"front": 1.5, "back": 1.0},
+        }
+        | changed
+    )
 
 
 def test_a_period_of_twenty_wavelengths_has_the_orders_known():
@@ -212,10 +249,16 @@ def test_what_the_orders_miss_is_lost_by_the_fields(metal):
 
 
 def test_a_table_that_would_take_hours_is_forecast_and_refused():
-    hundred = wide(period_nm=50000.0, layers=[{
-        "thickness_nm": 500.0, "index": {"n": 1.5},
-        "ridges": [{"start_nm": 25000.0, "width_nm": 25000.0, "index": {"n": 1.0}}],
-    }])
+    hundred = wide(
+        period_nm=50000.0,
+        layers=[
+            {
+                "thickness_nm": 500.0,
+                "index": {"n": 1.5},
+                "ridges": [{"start_nm": 25000.0, "width_nm": 25000.0, "index": {"n": 1.0}}],
+            }
+        ],
+    )
     with pytest.raises(InputError, match=r"--most-minutes = 0.5: the table of wide would take longer: .* CPU minutes"):
         make_table(hundred, 0.05, 0.05, 1e-2, 0.5)
 
@@ -236,11 +279,19 @@ def test_a_forecast_grows_with_the_directions():
 @pytest.mark.parametrize("axis", ["r", "g"])
 def test_what_is_stated_of_orders_leaves_room_for_interpolation(axis):
     """Two ridges of nitride at 1550 nm: with the orders chosen the stated error of other directions is below half."""
-    cell = Metagrating.model_validate({
-        "kind": "metagrating", "name": "own", "wavelength_nm": 1550.0, "electric_axis": axis, "period_nm": 1900.0,
-        "ridges_nm": [[0.0, 700.0], [980.0, 300.0]], "ridge_height_nm": 500.0, "membrane_nm": 300.0,
-        "index": {"n": 1.98, "k": 1e-6},
-    })
+    cell = Metagrating.model_validate(
+        {
+            "kind": "metagrating",
+            "name": "own",
+            "wavelength_nm": 1550.0,
+            "electric_axis": axis,
+            "period_nm": 1900.0,
+            "ridges_nm": [[0.0, 700.0], [980.0, 300.0]],
+            "ridge_height_nm": 500.0,
+            "membrane_nm": 300.0,
+            "index": {"n": 1.98, "k": 1e-6},
+        }
+    )
     chosen = choose(cell, 0.4, 0.4, 1e-2)
     rng = np.random.default_rng(5)
     u, v = rng.uniform(-0.4, 0.4, 20), np.sort(rng.uniform(0.0, 0.4, 5))

@@ -150,9 +150,9 @@ def test_every_polarisation_is_looked_up_as_it_was_solved(made):
     out = np.empty((u.size * v.shape[1], 16))
     lookup_many(table.arrays(stokes=True), np.repeat(u, v.shape[1]), v.ravel(), out)
     responses = [solve(cell, a, b, order) for a, b in zip(u, v, strict=True)]
-    exact = np.concatenate([
-        np.concatenate([r.q_stokes, r.absorptance_stokes[..., None]], axis=-1).reshape(-1, 16) for r in responses
-    ])
+    exact = np.concatenate(
+        [np.concatenate([r.q_stokes, r.absorptance_stokes[..., None]], axis=-1).reshape(-1, 16) for r in responses]
+    )
     assert np.quantile(np.abs(out - exact).max(axis=1), 0.95) <= TOLERANCE
     worst = worst_polarisation(np.moveaxis((out - exact).reshape(*v.shape, 4, 4), 2, 0)).max(axis=-1)
     near = np.abs(table.u - u).argmin(axis=1), np.abs(table.v[:, None] - v[:, None]).argmin(axis=1)

@@ -28,9 +28,7 @@ def split_table() -> PressureTable:
 
     grid = u[:, None] + 0 * v
     cutoffs = Cutoffs(curves, np.where(np.isnan(on), np.nan, q(on, v)), 0.1 * on)
-    return PressureTable(
-        u, v, q(u[:, None], v), 0.1 * grid, np.full(grid.shape, 1e-9), mirror_v=True, cutoffs=cutoffs
-    )
+    return PressureTable(u, v, q(u[:, None], v), 0.1 * grid, np.full(grid.shape, 1e-9), mirror_v=True, cutoffs=cutoffs)
 
 
 TABLES = {"te": smooth_tables()["mark1e_te"], "tm": smooth_tables()["mark1e_tm"], "split": split_table()}

@@ -20,7 +20,10 @@ QUARTER = {"H": (1550 / 4 / 2.3, 2.3, 0.0), "L": (1550 / 4 / 1.45, 1.45, 0.0)}
 
 def cell(layers, polarisation="mean", front=1.0, back=1.0, back_k=0.0, wavelength=1550.0, incoherent=()):
     return ThinFilm(
-        kind="thin_film", name="film", wavelength_nm=wavelength, polarisation=polarisation,
+        kind="thin_film",
+        name="film",
+        wavelength_nm=wavelength,
+        polarisation=polarisation,
         layers=[
             Layer(thickness_nm=t, index=Index(n=n, k=k), coherent=i not in incoherent)
             for i, (t, n, k) in enumerate(layers)
@@ -70,7 +73,9 @@ def dip(of, low, high):
     s = np.linspace(low, high, 1_000_001)
     k = int(solve(of, s).reflectance.argmin())
     found = minimize_scalar(
-        lambda x: float(solve(of, np.array([x])).reflectance[0]), bounds=(s[k - 1], s[k + 1]), method="bounded",
+        lambda x: float(solve(of, np.array([x])).reflectance[0]),
+        bounds=(s[k - 1], s[k + 1]),
+        method="bounded",
         options={"xatol": 1e-13},
     )
     return found.x
@@ -263,15 +268,14 @@ def test_a_plate_with_averaged_fringes_has_its_closed_form():
 def test_total_reflection_below_an_averaged_plate(share):
     """Light that cannot leave at the back comes back, and a gap in which it only decays is crossed coherently."""
     for index, thickness, flags in (
-        ([2.0, 1.8, 1.0], [1e5], [False]), ([2.0, 1.8, 1.0, 2.0], [1e5, 1e5], [False, False]),
+        ([2.0, 1.8, 1.0], [1e5], [False]),
+        ([2.0, 1.8, 1.0, 2.0], [1e5, 1e5], [False, False]),
         ([2.0, 1.0, 1.9, 1.0], [1e4, 1e5], [True, False]),
     ):
         response = stack(index, thickness, 1550.0, np.linspace(1.01, 1.79, 50), share, flags)
         assert np.abs(response.reflectance - 1).max() < 1e-12
         assert response.transmittance.max() < 1e-12
-    thin, whole = (
-        stack([2.0, 1.0, 2.0], [300.0], 1550.0, 1.3, share, c) for c in (False, True)
-    )
+    thin, whole = (stack([2.0, 1.0, 2.0], [300.0], 1550.0, 1.3, share, c) for c in (False, True))
     assert thin.transmittance == whole.transmittance
 
 
@@ -320,7 +324,11 @@ def test_an_absorbing_half_space_is_a_layer_of_it_so_thick_that_nothing_comes_ba
 def test_the_modal_method_pushes_an_unpatterned_stack_on_an_absorber_alike(axis):
     layers = [(200.0, 2.0, 1e-3), (90.0, 1.45, 0.0)]
     flat = LamellarStack(
-        kind="lamellar", name="flat", wavelength_nm=1550.0, electric_axis=axis, period_nm=900.0,
+        kind="lamellar",
+        name="flat",
+        wavelength_nm=1550.0,
+        electric_axis=axis,
+        period_nm=900.0,
         surroundings=Surroundings(back=0.2, back_k=6.0),
         layers=[LamellarLayer(thickness_nm=t, index=Index(n=n, k=k)) for t, n, k in layers],
     )

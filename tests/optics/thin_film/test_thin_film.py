@@ -15,7 +15,10 @@ from tests.films import exact
 
 def film(layers, polarisation="mean", wavelength=1550.0, back=1.0):
     return ThinFilm(
-        kind="thin_film", name="film", wavelength_nm=wavelength, polarisation=polarisation,
+        kind="thin_film",
+        name="film",
+        wavelength_nm=wavelength,
+        polarisation=polarisation,
         layers=[Layer(thickness_nm=t, index=Index(n=n, k=k)) for t, n, k in layers],
         surroundings=Surroundings(back=back),
     )
