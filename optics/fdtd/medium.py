@@ -74,7 +74,8 @@ class Media:
         points = np.stack([part.ravel() for part in seen], axis=-1).round(12)
         different, which = np.unique(points, axis=0, return_inverse=True)
         media = [self.one(mean, harmonic, n_x.real, n_y.real) for mean, harmonic, n_x, n_y in different]
-        return media, which.reshape(seen.mean.shape).tolist()
+        of_points: list[list[int]] = np.asarray(which).reshape(seen.mean.shape).tolist()  # type: ignore[assignment,unused-ignore]
+        return media, of_points
 
 
 def fit_error(cell: Grating, step: float) -> float:

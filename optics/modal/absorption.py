@@ -56,12 +56,12 @@ def _of_steps(cell: Slanted, u: float, v: float, order: int) -> Floats:
         seen.append(rho)
         down.append(through)
     e_in, h_in = (part[0] for part in incident_light(np.array([u]), vs, order, stack.front_index))
-    f: Complexes = np.linalg.solve(np.eye(2 * n) - front @ rho, e_in + h_in - front @ (e_in - h_in))
+    f = _driven(front, rho, e_in, h_in)
     entering, lost = _power(f, rho @ f), np.zeros(2)
     for i, (above, through) in enumerate(zip(seen[:0:-1], down[::-1], strict=True)):
         fields: Complexes = np.asarray(np.concatenate([f + above @ f, f - above @ f]) / 2, complex)
         lost += _lost_in_step(of, i, u_m[0], v, fields)
-        f = through @ f
+        f = np.asarray(through @ f, complex)
     return np.asarray((lost + _power(f, seen[0] @ f) - entering) / (e_in * h_in.conj()).sum(axis=0).real)
 
 
@@ -82,11 +82,17 @@ def _lost_in_step(of: Steps, i: int, u_m: Floats, v: float, top: Complexes) -> F
     return np.asarray(of.thickness[i] * total)
 
 
+def _driven(front: Complexes, rho: Complexes, e_in: Complexes, h_in: Complexes) -> Complexes:
+    """f₊ (2n, 2) at the top of the first layer, driven by light with the fields e_in and h_in (2n, 2)."""
+    source = e_in + h_in - front @ (e_in - h_in)
+    return np.asarray(np.linalg.solve(np.eye(len(front)) - front @ rho, source), complex)
+
+
 def _one(cell: Metagrating | LamellarStack, u: float, v: float, order: int) -> Floats:
     """R + T + A − 1 (2,) of both polarisations; R and T are the power through the first plane and the last."""
     stack = prepare(cell)
     over = basis(stack.stretch(order), u, stack.pitch, order)
-    u_m, vs, n = over.cosines[None], np.array([v]), over.cosines.size
+    u_m, vs = over.cosines[None], np.array([v])
     layers = lamellae(as_stack(cell))
     waves = [_waves(layer, over, v) for layer in layers]
     front, back = (
@@ -97,19 +103,19 @@ def _one(cell: Metagrating | LamellarStack, u: float, v: float, order: int) -> F
     tops: list[Complexes] = []
     bounces: list[Complexes] = []
     for plus, minus, x, *_ in reversed(waves):
-        bounce = np.linalg.solve(plus - rho @ minus, (rho @ plus - minus) * x)
-        top = plus + minus @ (x[:, None] * bounce)
+        bounce = np.asarray(np.linalg.solve(plus - rho @ minus, (rho @ plus - minus) * x), complex)
+        top = np.asarray(plus + minus @ (x[:, None] * bounce), complex)
         rho = np.asarray(np.linalg.solve(top.T, (minus + plus @ (x[:, None] * bounce)).T).T, np.complex128)
         tops.append(top)
         bounces.append(bounce)
     e_in, h_in = (part[0] for part in incident_light(np.array([u]), vs, order, stack.front_index))
-    f: Complexes = np.linalg.solve(np.eye(2 * n) - front @ rho, e_in + h_in - front @ (e_in - h_in))
+    f = _driven(front, rho, e_in, h_in)
     entering, lost = _power(f, rho @ f), np.zeros(2)
     for wave, entry, turn, layer in zip(waves, tops[::-1], bounces[::-1], layers, strict=True):
-        down = np.linalg.solve(entry, f)
-        up = turn @ down
+        down = np.asarray(np.linalg.solve(entry, f), complex)
+        up = np.asarray(turn @ down, complex)
         lost += _loss(wave, down, up, layer.thickness)
-        f = wave.plus @ (wave.x[:, None] * down) + wave.minus @ up
+        f = np.asarray(wave.plus @ (wave.x[:, None] * down) + wave.minus @ up, complex)
     power = (e_in * h_in.conj()).sum(axis=0).real
     return np.asarray((lost + _power(f, back @ f) - entering) / power)
 

@@ -82,7 +82,7 @@ class _Sampler:
         cell = self.stack.slanted
         assert cell is not None
         turned = upside_down(steps(cell, self.order))
-        g = cell.pitch * np.arange(-self.order, self.order + 1)
+        g = cell.pitch * np.arange(-self.order, self.order + 1.0)
         return [(steps(cell, self.order), products(cell, self.order)), (turned, products_of(turned, g))]
 
     def __call__(self, u: Floats, v: Floats) -> Complexes:

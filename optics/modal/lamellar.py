@@ -105,9 +105,9 @@ def modes(layer: Lamella, over: Basis) -> LayerModes:
     u_m = over.cosines
     if not layer.ridges:
         one, k = np.eye(u_m.size, dtype=complex), np.diag(u_m).astype(complex)
-        beta2 = layer.background - u_m**2 + 0j
+        beta2: Complexes = np.asarray(layer.background - u_m**2, complex)
         # At β = 0 a mode's E and h, which hold k_z and β², would not belong together once k_z is moved off zero.
-        beta2 = np.where(np.abs(beta2) < _CUTOFF**2, 1j * _CUTOFF**2, beta2)
+        beta2 = np.asarray(np.where(np.abs(beta2) < _CUTOFF**2, 1j * _CUTOFF**2, beta2), complex)
         return LayerModes(beta2, one, k, beta2, one, np.diag(beta2) / layer.background, k / layer.background)
     epsilon, inverse = layer.matrices(over)
     inverse_epsilon_k = np.linalg.inv(epsilon) * u_m  # ⟦ε⟧⁻¹ K

@@ -14,7 +14,7 @@ plane waves, held by the components of ẑ × E, and joints are made through f±
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -252,7 +252,7 @@ def _amplitudes(
     plus: Complexes,
     minus: Complexes,
     bounce: Complexes,
-) -> Complexes:
+) -> NDArray[Any]:
     """Amplitudes (2n, 2) that the light drives at the top of the first layer."""
     m, reach = plus.shape[0], _reaching(x, negligible)
     a, b = np.empty((m, m), np.complex128), np.empty((m, reach.size), np.complex128)

@@ -109,7 +109,8 @@ def _series(of: Slabs, u: Floats, v: Floats) -> tuple[Floats, Floats]:
     """The even and odd polynomials (n_d, n_u · n_v) at directions (n_d)."""
     n_u, n_v = of.terms
     in_u, in_v = chebvander(u / of.reach[0], n_u - 1), chebvander(v / of.reach[1], 2 * n_v - 1)
-    return tuple((in_u[:, :, None] * in_v[:, None, part::2]).reshape(u.size, -1) for part in (0, 1))
+    even, odd = ((in_u[:, :, None] * in_v[:, None, part::2]).reshape(u.size, -1) for part in (0, 1))
+    return even, odd
 
 
 def _sum(weights: Floats, coefficients: Complexes) -> Complexes:

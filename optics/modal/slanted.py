@@ -115,7 +115,7 @@ class Products(NamedTuple):
 @lru_cache(maxsize=3)
 def products(cell: Slanted, order: int) -> Products:
     """Of the steps of a profile."""
-    return products_of(steps(cell, order), cell.pitch * np.arange(-order, order + 1))
+    return products_of(steps(cell, order), cell.pitch * np.arange(-order, order + 1.0))
 
 
 def products_of(of: Steps, g: Floats) -> Products:

@@ -70,7 +70,7 @@ def _plain(tables: Tables, step: float) -> Tables:
     out = {}
     for name, table in tables.items():
         n, m = (int(np.floor(axis[-1] / step)) for axis in (table.u, table.v))
-        u, v = step * np.arange(-n, n + 1), step * np.arange(m + 1)
+        u, v = step * np.arange(-n, n + 1.0), step * np.arange(m + 1.0)
         q = np.moveaxis(table.q(u[:, None], v), -1, 0)
         absorptance = table.absorptance(u[:, None], v)
         attrs = {"name": name, "wavelength_m": table.attrs["wavelength_m"]}
