@@ -84,7 +84,6 @@ rule fdtd_part:
     benchmark:
         "results/benchmarks/tables/{design}/fdtd/part{part}.tsv"
     priority: 50
-    priority: 60  # the longest jobs of all: begun late, they run on alone
     threads: 1
     resources:
         mem_mb=2000,
