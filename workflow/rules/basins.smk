@@ -35,8 +35,8 @@ rule basin:
         tables=flown,
         light=lit_by,
         parts=lambda wildcards: [
-            f"results/scenes/{wildcards.scene}/basin/{wildcards.incidence}/part{i + 1}.h5"
-            for i in range(basin_parts(wildcards))
+            f"results/scenes/{wildcards.scene}/basin/{wildcards.incidence}/part{i}.h5"
+            for i in range(1, basin_parts(wildcards) + 1)
         ],
     output:
         "results/scenes/{scene}/basin/{incidence}.h5",

@@ -98,7 +98,7 @@ rule screened:
         scene=base_scene,
         members="results/screening/{family}/members.parquet",
         cells=lambda wildcards: [
-            f"results/screening/{wildcards.family}/cells/{k + 1}.parquet" for k in range(screening_parts(wildcards))
+            f"results/screening/{wildcards.family}/cells/{k}.parquet" for k in range(1, screening_parts(wildcards) + 1)
         ],
     output:
         "results/screening/{family}/screened.parquet",
@@ -204,8 +204,8 @@ use rule fdtd_part as candidate_fdtd_part with:
 use rule fdtd_table as candidate_fdtd_table with:
     input:
         parts=lambda wildcards: [
-            f"{CONFIRMED}/{{cell}}/fdtd/part{k + 1}.h5".format(**dict(wildcards.items()))
-            for k in range(fdtd_parts(wildcards))
+            f"{CONFIRMED}/{{cell}}/fdtd/part{k}.h5".format(**dict(wildcards.items()))
+            for k in range(1, fdtd_parts(wildcards) + 1)
         ],
         cell=candidate("{cell}.yaml"),
         nodes=f"{CONFIRMED}/{{cell}}/fdtd/nodes.json",
@@ -280,8 +280,8 @@ use rule basin as candidate_basin with:
         scene=candidate("sail.yaml"),
         tables=[f"{CONFIRMED}/{cell}/modal.h5" for cell in ("te", "tm")],
         parts=lambda wildcards: [
-            f"{CONFIRMED}/basin/{{incidence}}/part{i + 1}.h5".format(**dict(wildcards.items()))
-            for i in range(basin_parts(wildcards))
+            f"{CONFIRMED}/basin/{{incidence}}/part{i}.h5".format(**dict(wildcards.items()))
+            for i in range(1, basin_parts(wildcards) + 1)
         ],
     output:
         f"{CONFIRMED}/basin/{{incidence}}.h5",
