@@ -49,9 +49,17 @@ class Profile(Strict):
 
     @property
     def dark(self) -> float:
-        """Distance from the middle beyond which there is no light: less than 1e-30."""
+        """Distance from the middle beyond which there is no light: less than 1e-30.
+
+        NotImplementedError for a profile with tails beyond 8 radii, which has to tell the distance itself.
+        """
         d = np.linspace(self.reach, 8.0, 321)
-        return float(d[np.argmax(self.values(d, np.zeros(1)) < 1e-30)])
+        dark = self.values(d, np.zeros(1)) < 1e-30
+        if not dark[-1]:
+            raise NotImplementedError(
+                f"beam.profile.kind = '{self.kind}': is not dark at 8 radii: it must define `dark`"
+            )
+        return float(d[np.argmax(dark)])
 
     @property
     def power(self) -> float:
@@ -72,7 +80,7 @@ class Profile(Strict):
             np.array([0, compiled.OWN + len(self.numbers)]),
             np.array([*one, *self.numbers]),
         )
-        compiled.shine(packed, np.ascontiguousarray(u.ravel()), np.ascontiguousarray(v.ravel()), 0, u.size, out, 0)
+        compiled.shine(packed, u.flatten(), v.flatten(), 0, u.size, out, 0)
         return out.reshape(u.shape)
 
     def gradient(self, u: Floats, v: Floats) -> Floats:

@@ -110,6 +110,13 @@ class Way:
     def responses(self, beta: Floats) -> dict[str, list[NormalResponse]]:
         """Of each design the response at each β (n,); InputError where a band ends before."""
         light = self.wavelength * redshift(beta)
+        for name, band in self.bands.items():
+            if light.max() > band.wavelength[-1] * (1.0 + 1e-9):
+                raise InputError(
+                    f"--responses: the band of '{name}' ends at {band.wavelength[-1] * 1e9:.6g} nm: light is seen at "
+                    f"{light.max() * 1e9:.6g} nm at beta = {beta.max():g}; make a wider one with optics.band, or lower "
+                    "--beta-max"
+                )
         return {name: [band.at(float(x)) for x in light] for name, band in self.bands.items()}
 
     def models(self, beta: Floats, seed: int | None = None) -> LinearModel:
@@ -262,7 +269,7 @@ def report(way: Way, beta_max: float = BETA_MAX) -> dict[str, Any]:
     beta = np.unique(np.concatenate([listed, edges.ravel()]))
     dense = np.unique(np.concatenate([np.linspace(0.0, beta_max, ALONG), beta]))
     found, trip = assess(way, beta), journey(way, dense, _rates(way, dense))
-    stable, lost = found.verdict == 0, np.flatnonzero(trip.log_growth > np.log(LOST))
+    stable, lost = found.verdict == 0, _lost(dense, trip.log_growth)
     end = beta[-1] if stable.all() else beta[max(0, int(np.argmin(stable)) - 1)]
     return {
         "scene": way.scene.name,
@@ -274,7 +281,7 @@ def report(way: Way, beta_max: float = BETA_MAX) -> dict[str, Any]:
         "changes": edges.tolist(),
         "stable_at_start": bool(stable[0]),
         "stable_to_beta": float(end),
-        "lost_at_beta": float(dense[lost[0]]) if lost.size else None,
+        "lost_at_beta": lost,
         "lost_means": f"a swing has grown {LOST:g} times",
         "resolution": RESOLUTION,
         "step_in_beta": STEP,
@@ -289,6 +296,15 @@ def report(way: Way, beta_max: float = BETA_MAX) -> dict[str, Any]:
         "left_out": "spread of the beam; Thomas precession; Doppler shift by the sail's own rotation",
         "versions": versions("numpy", "scipy"),
     }
+
+
+def _lost(beta: Floats, log_growth: Floats) -> float | None:
+    """Where swings have grown `LOST` times, from the logarithms of their growth at β (n,); None if they don't."""
+    beyond = np.flatnonzero(log_growth > np.log(LOST))
+    if not beyond.size:
+        return None
+    k = beyond[0]
+    return float(np.interp(np.log(LOST), log_growth[k - 1 : k + 1], beta[k - 1 : k + 1]))
 
 
 def _rates(way: Way, beta: Floats) -> Floats:

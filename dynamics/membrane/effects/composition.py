@@ -65,7 +65,7 @@ def columns_from(first: Columns) -> dict[str, tuple[int, str]]:
 
 def writing(start: int) -> Any:
     """Compiled `write(model, work, state, centre, row)` of all effects, whose columns begin at `start` of the row."""
-    own = [effect for effect in EFFECTS if hasattr(effect, "COLUMNS")]
+    own = [effect for effect in EFFECTS if getattr(effect, "COLUMNS", {})]
     ends = [*accumulate((sum(n for n, _ in effect.COLUMNS.values()) for effect in own), initial=start)]
     calls = [
         (effect.write, f"model, work, state, centre, row[{begin}:{end}]")

@@ -122,8 +122,10 @@ def test_one_doubled_number_in_a_part_of_fdtd_is_refused(tmp_path: Path):
 def test_the_command_names_the_files_that_are_not_whole(tmp_path: Path):
     good, bad = (written(tmp_path / name) for name in ("good.h5", "bad.json"))
     bad.write_text(bad.read_text().replace("1.5", "2.5"))
+    own = tmp_path / "own.yaml"
+    own.write_text("name: own\n")  # a user's: nothing to be deleted
     done = subprocess.run(
-        [sys.executable, "-m", "beamrider.check", good, bad, tmp_path / "none.h5"],
+        [sys.executable, "-m", "beamrider.check", good, bad, tmp_path / "none.h5", own],
         capture_output=True,
         text=True,
         check=False,

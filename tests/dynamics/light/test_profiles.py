@@ -14,6 +14,7 @@ import pytest
 from beamrider.io.files import InputError, validate
 from dynamics.light import beam as light
 from dynamics.light.beam import Beam
+from dynamics.light.profile import Profile
 from dynamics.scene.schema import Scene
 from tests.membranes import FIG6
 
@@ -264,3 +265,16 @@ def test_a_relative_map_needs_an_intensity(tmp_path: Path, monkeypatch: pytest.M
     assert Beam.model_validate({"profile": profile, "intensity_W_m2": 3.0}).intensity_W_m2 == 3.0
     with pytest.raises(ValueError, match="intensity_W_m2"):
         Beam.model_validate({"profile": profile})
+
+
+def test_a_profile_with_tails_must_tell_where_it_is_dark():
+    """Else its integrals would end at its radius, without a word."""
+
+    class Tailed(Profile):
+        kind: str = "tailed"
+
+        def values(self, u: Any, v: Any) -> Any:
+            return (1.0 + np.asarray(u) ** 2) ** -3.0
+
+    with pytest.raises(NotImplementedError, match=r"'tailed': is not dark at 8 radii: it must define `dark`"):
+        Tailed().dark  # noqa: B018

@@ -158,8 +158,19 @@ def test_what_has_no_way_is_refused(bands, change, said):
 
 
 def test_a_band_that_ends_before_the_way_is_named(bands):
-    with pytest.raises(InputError, match=r"outside the band of 'mark1e_te': 1064 … 1303.2 nm"):
+    with pytest.raises(
+        InputError, match=r"the band of 'mark1e_te' ends at 1303.2 nm: light is seen at 1373.62 nm at beta = 0.25"
+    ):
         way.report(way.Way(FIG6, bands), 0.25)
+
+
+def test_a_sail_unstable_at_rest_is_lost_at_once(bands):
+    """A swing has grown tenfold after ln 10/growth, at a speed of the acceleration times that."""
+    found = way.report(way.Way(changed(release={"spin_Hz": -20.0}), bands))
+    first = found["way"][0]
+    assert not found["stable_at_start"]
+    after = np.log(way.LOST) / first["growth_1_s"]
+    assert found["lost_at_beta"] == pytest.approx(first["acceleration_m_s2"] * after / C, rel=1e-3)
 
 
 def test_files_hold_what_was_found(bands, tmp_path):
