@@ -6,6 +6,7 @@ choices that only serve to reproduce published runs are marked "published".
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,9 +15,12 @@ from pydantic import Field, model_validator
 from beamrider.io.files import DIMENSIONLESS, InputError, Name, Pair, Positive, Strict, read_model
 from dynamics.light.beam import Beam as Beam
 from dynamics.light.beam import Rate as Rate
+from dynamics.light.intensity import LIGHT_SPEED
 from dynamics.scene.body_schema import Held, Payload, Payloads
 from dynamics.scene.sail_schema import Fraction, Region, Sail
 
+#: Fastest rim of a spinning sail, over the speed of light: beyond, its own relativity counts.
+FASTEST = 1e-2
 #: Longest time in s that a scene may speak of, 30 years; most steps and intervals of steps.
 Duration = Annotated[float, Field(ge=1e-15, le=1e9)]
 Count = Annotated[int, Field(ge=1, le=10**12, json_schema_extra={"unit": "steps"})]
@@ -252,6 +256,16 @@ class Scene(Strict):
                 raise ValueError(f"effects.{name} = true: needs {name}, which the scene does not give")
         if self.holding is not None and self.release.spin_Hz != 0.0:
             raise ValueError(f"release.spin_Hz = {self.release.spin_Hz:g}: must be 0 for a sail that is held")
+        return self
+
+    @model_validator(mode="after")
+    def _slower_than_light(self) -> Scene:
+        rim = 2.0 * math.pi * abs(self.release.spin_Hz) * self.sail.radius_m
+        if rim > FASTEST * LIGHT_SPEED:
+            raise ValueError(
+                f"release.spin_Hz = {self.release.spin_Hz:g}: moves the rim at {rim:.3g} m/s: must be below "
+                f"{FASTEST:g} of the speed of light, above which relativity counts"
+            )
         return self
 
     @model_validator(mode="after")

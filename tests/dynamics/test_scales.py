@@ -142,3 +142,10 @@ def test_parts_that_turn_their_back_to_the_light_are_noticed(tmp_path):
 def test_ordinary_flights_neglect_nothing_that_matters():
     flight = rigid.fly(altered(FIG6, rigid={"duration_s": 0.05}), smooth_tables())
     assert rigid.remark(flight, FIG6, smooth_tables()) == ""
+
+
+def test_a_rim_near_the_speed_of_light_is_refused():
+    """Neither rigid nor flexible flight knows relativity: half a metre at 1 MHz is a hundredth of it."""
+    with pytest.raises(ValueError, match=r"spin_Hz = 1e\+08: moves the rim at 3.14e\+08 m/s: must be below 0.01"):
+        altered(FIG6, release={"spin_Hz": 1e8})
+    assert altered(FIG6, release={"spin_Hz": 9e5}).release.spin_Hz == 9e5
