@@ -14,8 +14,8 @@ from beamrider.io.resources import DAY, available_memory, in_words, require_memo
 from dynamics.sail.shapes import SIDES
 from dynamics.scene.schema import Sail, Scene
 
-#: Bytes of a process that has loaded everything.
-PROCESS = 0.22e9
+#: Bytes of a process that has loaded everything: with Debian 13's Python 3.13 and NumPy 2, or with older ones.
+PROCESS = 0.32e9 if sys.version_info >= (3, 13) else 0.22e9
 #: Bytes a row of a rigid flight.
 A_ROW = 900.0
 #: Bytes a cell of a basin's map, and a member of a family that is screened.

@@ -185,7 +185,9 @@ def test_a_map_goes_through_its_points_and_ends_dark(of_map: Beam, tmp_path: Pat
     assert of_map.profile.sha256 == hashlib.sha256((tmp_path / "map.h5").read_bytes()).hexdigest()  # type: ignore
     # From a CSV file in another unit the same numbers
     lines = ["x_m,y_m,intensity_W_cm2"]
-    lines += [f"{a!r},{b!r},{values[i, j] / 1e4!r}" for i, a in enumerate(x.tolist()) for j, b in enumerate(y.tolist())]
+    lines += [
+        f"{a!r},{b!r},{float(values[i, j]) / 1e4!r}" for i, a in enumerate(x.tolist()) for j, b in enumerate(y.tolist())
+    ]
     (tmp_path / "map.csv").write_text("\n".join(lines), encoding="utf-8")
     again = Beam.model_validate({"profile": {"kind": "map", "file": "map.csv"}})
     places = np.random.default_rng(5).uniform(-0.7, 0.7, (2, 100))
