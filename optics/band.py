@@ -28,6 +28,7 @@ from optics.modal.steps import modal_cell
 from optics.modal.truncation import choose
 from optics.table.band_response import BandResponse
 from optics.table.normal_incidence import NormalResponse, table_response
+from optics.table.promise import MISSED
 from optics.thin_film.stage import make_table
 
 TOLERANCE = 1e-3
@@ -146,6 +147,7 @@ def respond(
         solve = solver(path, 0.5 * (first_nm + last_nm), tolerance)
         found = over_band(solve, first_nm, last_nm, tolerance, cell.name)
     found.attrs.update(_attributes(cell, tolerance, watch.cpu_seconds))
+    found.attrs["tolerance_met"] = int(found.q_error.max() <= tolerance)
     return found
 
 
@@ -155,7 +157,8 @@ def _refuse_grazing(cell: Cell, first_nm: float, last_nm: float) -> None:
         return
     for index in (cell.surroundings.front, cell.surroundings.back):
         span = cell.period_nm * index
-        for m in range(int(np.ceil(span / last_nm)), int(span / first_nm) + 1):
+        m = int(span / first_nm)  # the highest order that grazes at no shorter wavelength than the first
+        if m > 0 and span / m <= last_nm:
             raise InputError(
                 f"{cell.name}: order {m} grazes at normal incidence at {span / m:.6g} nm, where q has no slope: leave "
                 "it out of the band, or change period_nm"
@@ -182,7 +185,12 @@ OPTIONS = {
         "default": (None, None),
         "help": "the band in vacuum; by default from the cell's own to what a sail at 0.2 c sees of it",
     },
-    "--tolerance": {"type": float, "default": TOLERANCE, "help": "error of q (default %(default)s)"},
+    "--tolerance": {
+        "type": float,
+        "default": TOLERANCE,
+        "help": "largest error of q (default %(default)s); missed: exit code 3",
+    },
+    "--accept-missed": {"action": "store_true", "help": "end with exit code 0 although the tolerance was missed"},
     "--out": {"required": True, "help": "file to write"},
 }
 
@@ -198,7 +206,11 @@ def main() -> None:
         found = respond(given.cell, given.wavelength_nm[0], given.wavelength_nm[1], given.tolerance)
     found.write(given.out)
     errors = f"q errs by at most {found.q_error.max():.2g}, its slopes by {found.gradient_error.max():.2g}"
-    finish(given.out, watch, f"{found.wavelength.size} wavelengths, {errors}")
+    met = bool(found.attrs["tolerance_met"])
+    told = f"tolerance {given.tolerance:g} {'met' if met else 'missed: slow convergence of the diffraction orders'}"
+    finish(given.out, watch, f"{found.wavelength.size} wavelengths, {errors}; {told}")
+    if not met and not given.accept_missed:
+        raise SystemExit(MISSED)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
-from beamrider.arrays import Floats
+from beamrider.arrays import Complexes, Floats
 from beamrider.io.arguments import stage_arguments
 from beamrider.io.files import InputError, finish, versions, write_json
 from dynamics.light.intensity import LIGHT_SPEED
@@ -72,7 +72,11 @@ class Way:
         if len(known) > 1:
             those = ", ".join(f"{x:g}" for x in sorted(known))
             raise InputError(f"--responses: cells for light of {those} nm: one beam lights the whole sail")
-        return 1e-9 * known.pop() if known else 1e-6
+        if not known:
+            raise InputError(
+                f"{self.scene.name}.yaml: sail.sectors: none has a design, whose light would have a colour"
+            )
+        return 1e-9 * known.pop()
 
     @cached_property
     def body(self) -> RigidBody:
@@ -107,8 +111,8 @@ class Way:
         """Intensity (...) on the sail over that at rest."""
         return (1.0 - beta) / (1.0 + beta) if self.intensity == "sail" else np.ones_like(beta)
 
-    def responses(self, beta: Floats) -> dict[str, list[NormalResponse]]:
-        """Of each design the response at each β (n,); InputError where a band ends before."""
+    def responses(self, beta: Floats) -> dict[str, NormalResponse]:
+        """Of each design the responses at β (n,); InputError where a band ends before."""
         light = self.wavelength * redshift(beta)
         for name, band in self.bands.items():
             if light.max() > band.wavelength[-1] * (1.0 + 1e-9):
@@ -117,17 +121,19 @@ class Way:
                     f"{light.max() * 1e9:.6g} nm at beta = {beta.max():g}; make a wider one with optics.band, or lower "
                     "--beta-max"
                 )
-        return {name: [band.at(float(x)) for x in light] for name, band in self.bands.items()}
+        return {name: band.at(light) for name, band in self.bands.items()}
 
     def models(self, beta: Floats, seed: int | None = None) -> LinearModel:
         """Linear models at β (n,). seed: of a mixture of all errors at their full size, up or down; None for none."""
-        known = {name: _numbers(found, seed) for name, found in self.responses(beta).items()}
-        parts = [
-            known[s.design]
-            if s.design
-            else _numbers([constant_response(s.reflectance or 0.0, s.properties.absorptance)] * beta.size, None)
-            for s in self.scene.sail.sectors
-        ]
+        known = {
+            name: _numbers(found, None if seed is None else [seed, i])
+            for i, (name, found) in enumerate(self.responses(beta).items())
+        }
+        parts = []
+        for sector in self.scene.sail.sectors:
+            mirror = constant_response(sector.reflectance or 0.0, sector.properties.absorptance)
+            steady = np.tile(mirror.q, (beta.size, 1)), np.tile(mirror.gradient, (beta.size, 1, 1))
+            parts.append(known[sector.design] if sector.design else steady)
         q, gradient = (np.stack([part[k] for part in parts], axis=1) for k in range(2))
         jacobian, thrust = derivatives(self.body.sail.g, q, gradient, body_moments(self.scene, self.body))
         share = self.dimming(beta)
@@ -149,16 +155,12 @@ def _stand_in(band: BandResponse, response: NormalResponse) -> PressureTable:
     return PressureTable(axis, axis, np.zeros((3, 2, 2)), np.zeros((2, 2)), np.ones((2, 2)), attrs=attrs)
 
 
-def _numbers(found: Sequence[NormalResponse], seed: int | None) -> tuple[Floats, Floats]:
-    """Q (n, 3) and gradient (n, 3, 2), with their errors up or down by chance, the same way at every β."""
-    q, gradient = np.array([one.q for one in found]), np.array([one.gradient for one in found])
+def _numbers(found: NormalResponse, seed: list[int] | None) -> tuple[Floats, Floats]:
+    """The numbers q (n, 3) and gradient (n, 3, 2), with their errors up or down by chance, the same way at every β."""
     if seed is None:
-        return q, gradient
+        return found.q, found.gradient
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], 9)
-    return (
-        q + signs[:3] * np.array([one.q_error for one in found]),
-        gradient + signs[3:].reshape(3, 2) * np.array([one.gradient_error for one in found]),
-    )
+    return found.q + signs[:3] * found.q_error, found.gradient + signs[3:].reshape(3, 2) * found.gradient_error
 
 
 @dataclass(frozen=True)
@@ -176,22 +178,23 @@ class Found:
     verdict: NDArray[np.int64]
 
 
-def _measured(model: LinearModel, unit: float) -> tuple[Floats, Floats]:
-    """Growth a turn and margin in 1/s (n,) of models."""
-    exponents = model.exponents()
-    return growth(exponents), margin(exponents) / (np.asarray(model.period) * unit)
+def _turn(way: Way, model: LinearModel) -> Any:
+    """Time of a turn in s."""
+    return np.asarray(model.period) * way.body.units.time
 
 
 def assess(way: Way, beta: Floats) -> Found:
     """What the models at β (n,), and those within their errors, are."""
-    unit = way.body.units.time
-    model = way.models(beta)
-    rate, room = _measured(model, unit)
-    others = [_measured(way.models(beta, seed), unit) for seed in range(SAMPLES)]
-    rates, rooms = (np.stack([one, *(other[k] for other in others)]) for k, one in enumerate((rate, room)))
-    grows = rates > RESOLUTION
+    rates, rooms = [], []
+    for seed in (None, *range(SAMPLES)):
+        model = way.models(beta, seed)
+        exponents = model.exponents()
+        rates.append(growth(exponents))
+        rooms.append(margin(exponents) / _turn(way, model))
+    grows = np.stack(rates) > RESOLUTION
     verdict = np.where(grows.all(axis=0), 2, np.where(grows.any(axis=0), 1, 0))
-    return Found(beta, _rates(way, beta), room, np.stack([rooms.min(axis=0), rooms.max(axis=0)], axis=1), verdict)
+    per_second = np.where(grows[0], rates[0], 0.0) / _turn(way, model)
+    return Found(beta, per_second, rooms[0], np.stack([np.min(rooms, axis=0), np.max(rooms, axis=0)], axis=1), verdict)
 
 
 def _unstable(way: Way, beta: Floats) -> NDArray[np.bool_]:
@@ -212,8 +215,8 @@ def changes(way: Way, beta_max: float) -> Floats:
     return np.stack([low, high], axis=1)
 
 
-def aberration(way: Way, beta: Floats) -> Floats:
-    """Largest real part (n,) of the exponents in 1/s with the tilt of the light that a lateral velocity gives.
+def aberrated(way: Way, beta: Floats) -> Complexes:
+    """Exponents (n, 8) in 1/s with the tilt of the light that a lateral velocity gives.
 
     v_x tilts it as a pitch of v_x/c would, v_y as a roll of −v_y/c, but that the thrust does not turn with it.
     """
@@ -226,7 +229,7 @@ def aberration(way: Way, beta: Floats) -> Floats:
     generator = model.corotating()
     generator[..., 2:4, 2:4] += drag[..., :2, :]
     generator[..., 6:8, 2:4] += np.linalg.solve(model.inertia, drag[..., 2:, :])
-    return np.asarray(np.linalg.eigvals(generator).real.max(axis=-1) / units.time)
+    return np.asarray(np.linalg.eigvals(generator) / units.time)
 
 
 @dataclass(frozen=True)
@@ -269,8 +272,6 @@ def report(way: Way, beta_max: float = BETA_MAX) -> dict[str, Any]:
     beta = np.unique(np.concatenate([listed, edges.ravel()]))
     dense = np.unique(np.concatenate([np.linspace(0.0, beta_max, ALONG), beta]))
     found, trip = assess(way, beta), journey(way, dense, _rates(way, dense))
-    stable, lost = found.verdict == 0, _lost(dense, trip.log_growth)
-    end = beta[-1] if stable.all() else beta[max(0, int(np.argmin(stable)) - 1)]
     return {
         "scene": way.scene.name,
         "spin_Hz": way.scene.release.spin_Hz,
@@ -279,9 +280,9 @@ def report(way: Way, beta_max: float = BETA_MAX) -> dict[str, Any]:
         "beta_max": beta_max,
         "way": _entries(way, found, trip, dense),
         "changes": edges.tolist(),
-        "stable_at_start": bool(stable[0]),
-        "stable_to_beta": float(end),
-        "lost_at_beta": lost,
+        "stable_at_start": bool(found.verdict[0] == 0),
+        "stable_to_beta": _stable_to(way, found),
+        "lost_at_beta": _lost(dense, trip.log_growth),
         "lost_means": f"a swing has grown {LOST:g} times",
         "resolution": RESOLUTION,
         "step_in_beta": STEP,
@@ -298,6 +299,18 @@ def report(way: Way, beta_max: float = BETA_MAX) -> dict[str, Any]:
     }
 
 
+def _stable_to(way: Way, found: Found) -> float:
+    """The β to which the sail is stable, whatever the errors, from the start on: known to `EDGE`."""
+    bad = np.flatnonzero(found.verdict != 0)
+    if not bad.size or bad[0] == 0:
+        return float(found.beta[-1] if not bad.size else 0.0)
+    low, high = found.beta[bad[0] - 1], found.beta[bad[0]]
+    while high - low > EDGE:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if assess(way, np.array([middle])).verdict[0] else (middle, high)
+    return float(low)
+
+
 def _lost(beta: Floats, log_growth: Floats) -> float | None:
     """Where swings have grown `LOST` times, from the logarithms of their growth at β (n,); None if they don't."""
     beyond = np.flatnonzero(log_growth > np.log(LOST))
@@ -311,14 +324,14 @@ def _rates(way: Way, beta: Floats) -> Floats:
     """Growth in 1/s at β (n,), 0 where none is resolved."""
     model = way.models(beta)
     rate = growth(model.exponents())
-    return np.asarray(np.where(rate > RESOLUTION, rate, 0.0) / (np.asarray(model.period) * way.body.units.time))
+    return np.asarray(np.where(rate > RESOLUTION, rate, 0.0) / _turn(way, model))
 
 
 def _entries(way: Way, found: Found, trip: Journey, dense: Floats) -> list[dict[str, Any]]:
     """One entry for each β that is listed; the journey is known at `dense` ones, among which these are."""
     at = np.searchsorted(dense, found.beta)
     exponents = np.linalg.eigvals(way.models(found.beta).corotating()) / way.body.units.time
-    light, damped = way.wavelength * redshift(found.beta), aberration(way, found.beta)
+    light, damped = way.wavelength * redshift(found.beta), aberrated(way, found.beta).real.max(axis=-1)
     return [
         {
             "beta": float(found.beta[i]),

@@ -26,7 +26,7 @@ from optics.table.contents import COMPONENTS, decode, encode
 from optics.table.normal_incidence import NormalResponse
 
 DIRECTIONS = ("u", "v")
-_FEWEST = 4
+_FEWEST, _ROUNDING = 4, 1e-9
 _TEXTS = {
     "q": "force × c / incident power",
     "gradient": "slope of q over the direction cosines",
@@ -70,17 +70,18 @@ class BandResponse:
     def _splines(self) -> tuple[CubicSpline, CubicSpline]:
         return CubicSpline(self.wavelength, self.q), CubicSpline(self.wavelength, self.gradient)
 
-    def at(self, wavelength: float) -> NormalResponse:
-        """The response at a wavelength in m; InputError outside the band."""
-        x = self.wavelength
-        if not x[0] * (1 - 1e-12) <= wavelength <= x[-1] * (1 + 1e-12):
+    def at(self, wavelength: Floats | float) -> NormalResponse:
+        """The response at wavelengths (...) in m, its numbers (..., 3) and (..., 3, 2); InputError outside the band."""
+        x, given = self.wavelength, np.asarray(wavelength, float)
+        off = ~((given >= x[0] * (1 - _ROUNDING)) & (given <= x[-1] * (1 + _ROUNDING)))
+        if np.any(off):
             raise InputError(
-                f"wavelength {wavelength * 1e9:.6g} nm is outside the band of '{self.name}': "
-                f"{x[0] * 1e9:.6g} … {x[-1] * 1e9:.6g} nm"
+                f"wavelength {given[off].flat[0] * 1e9:.9g} nm is outside the band of '{self.name}': "
+                f"{x[0] * 1e9:.9g} … {x[-1] * 1e9:.9g} nm"
             )
-        k = int(np.clip(np.searchsorted(x, wavelength) - 1, 0, x.size - 2))
+        k = np.clip(np.searchsorted(x, given) - 1, 0, x.size - 2)
         errors = [np.maximum(part[k], part[k + 1]) for part in (self.q_error, self.gradient_error)]
-        return NormalResponse(*(np.asarray(spline(wavelength)) for spline in self._splines), *errors)
+        return NormalResponse(*(np.asarray(spline(given)) for spline in self._splines), *errors)
 
     def write(self, path: str | Path) -> None:
         """Write it as netCDF-4/HDF5, atomically."""

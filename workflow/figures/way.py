@@ -19,7 +19,7 @@ _MOST_GROWTH = 30.0  # e-folds that are drawn: a sail is lost long before
 def _shade(axes: Axes, found: dict[str, Any]) -> None:
     """Grey where a swing grows."""
     edges = [0.0, *(0.5 * (low + high) for low, high in found["changes"]), found["beta_max"]]
-    for i in range(0 if not found["stable_at_start"] else 1, len(edges) - 1, 2):
+    for i in range(0 if found["way"][0]["growth_1_s"] > 0.0 else 1, len(edges) - 1, 2):
         axes.axvspan(edges[i], edges[i + 1], color="0.88", lw=0, zorder=0)
 
 

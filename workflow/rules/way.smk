@@ -14,10 +14,11 @@ rule band:
     resources:
         mem_mb=1000,
         runtime=30,
+        accept=accept_missed,
     message:
         "Response of {wildcards.design} over the band"
     shell:
-        "python -m optics.band --cell {input.cell} --out {output} > {log} 2>&1"
+        "python -m optics.band --cell {input.cell} --out {output} {resources.accept} > {log} 2>&1"
 
 
 rule way_of_scene:

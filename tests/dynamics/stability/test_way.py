@@ -77,8 +77,9 @@ def test_each_place_is_the_analysis_of_the_sail_in_that_light(fig6, beta):
         tables[name] = PressureTable(axis, axis, np.zeros((3, 2, 2)), np.zeros((2, 2)), np.ones((2, 2)), attrs=attrs)
     there = floquet.analyse(dim, tables)
     found = way.assess(fig6, np.array([beta]))
-    # A growth of 1e-3 of slopes' errors moves margins by their square root.
-    assert found.margin[0] == pytest.approx(there.margin, abs=0.02, rel=5e-3)
+    low, high = found.margin_range[0]
+    assert low <= there.margin <= high
+    assert found.margin[0] == pytest.approx(there.margin, abs=2e-4)
     assert way.VERDICTS[found.verdict[0]] == there.verdict
 
 
@@ -88,7 +89,7 @@ def test_the_papers_sail_is_lost_at_a_tenth_of_c_and_a_window_within_is_found(fi
     assert edges.shape == (4, 2)
     assert np.all(np.diff(edges, axis=1) <= way.EDGE)
     assert np.allclose(edges[:, 0], [0.1009, 0.1662, 0.1692, 0.1903], atol=2e-4)
-    assert found["stable_to_beta"] == pytest.approx(0.1, abs=1e-3)
+    assert edges[0, 0] - 2e-4 < found["stable_to_beta"] < edges[0, 0]  # within the errors, and so before
     assert 0.1009 < found["lost_at_beta"] < 0.1015
     one = {entry["beta"]: entry for entry in found["way"]}
     assert one[0.2]["verdict"] == "marginally_stable"
@@ -131,16 +132,15 @@ def test_a_mirror_takes_the_time_of_the_closed_form():
 
 
 def test_aberration_brakes_what_absorbs():
-    """A black sail feels −(thrust/c) v across the beam: without spin a mode decays at half of that over the mass."""
+    """A black sail feels −(thrust/c) v across the beam: without spin, in even light, v decays at thrust/(m c)."""
     still = changed(release={"spin_Hz": 0.0}, beam={"radius_m": 1e4})
     black = way.Way(still, {name: constant(name, 1.0, 1.0) for name in CELLS})
-    model, units = black.models(np.zeros(1)), black.body.units
-    speed = C * units.time / units.length
-    tilt = model.jacobian[0, :2, 2:]
-    assert np.allclose(tilt, 0.0, atol=1e-12)  # what absorbs is pushed along the light, however it is tilted
-    assert way.aberration(black, np.zeros(1))[0] <= 1e-12
-    drag = float(model.thrust[0]) / speed / units.time
-    assert drag == pytest.approx(black.models(np.zeros(1)).thrust[0] * units.force / units.mass / C, rel=1e-12)
+    drag = 1e9 * np.pi * 0.25 / C**2 / black.body.shape.mass  # I A/(m c²)
+    assert np.allclose(black.models(np.zeros(1)).jacobian[0, :2, 2:], 0.0, atol=1e-12)  # pushed along the light
+    # Sums of exponents are as exact as the matrix; single ones, of which six are zero together, are not.
+    assert way.aberrated(black, np.zeros(1)).sum().real == pytest.approx(-2.0 * drag, rel=1e-6)
+    mirror = way.Way(still, {name: constant(name) for name in CELLS})  # pushed along its normal, whatever the light's
+    assert abs(way.aberrated(mirror, np.zeros(1)).sum().real) < 1e-6 * drag
 
 
 @pytest.mark.parametrize(
